@@ -67,10 +67,10 @@ def test_the_base_is_found_with_the_load_staying_where_it_is(wire, shapes, make_
 def test_a_base_that_is_turned_far_turns_on_about_itself(wire):
     """(13) By differences: its columns are by what turns it in the world, its numbers those of one rotation vector."""
     from multirod.rotations import vectors
-    from multirod.tasks.estimating.calibrate import _Numbers
+    from multirod.tasks.estimating.parameters import Parameters
 
     robot = mr.SingleRod(wire)
-    numbers = _Numbers(robot, {"base": mr.Prior()})
+    numbers = Parameters(robot, {"base": mr.Prior()})
     p, h = np.array([0.1, 0.2, -0.1, 0.4, -0.7, 0.9]), 1e-6
     columns = numbers.columns(numbers.robot(p), p)
     for k in range(6):

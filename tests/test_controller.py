@@ -140,7 +140,7 @@ def test_the_compiled_step_is_that_of_reach(start):
     """(7) at the first sample's place: bounded, and at limits, as ``constrained_step`` has it."""
     from constrained_step import step
 
-    from multirod.tasks.controlling.control_kernels import LONGEST, SOFTNESS
+    from multirod.tasks.controlling.control_step_kernels import LONGEST, SOFTNESS
     from multirod.tasks.formulation import Task, input_units
     from multirod.tasks.limits import limit_rows
 

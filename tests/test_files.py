@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import multirod as mr
 from multirod.files import kinds, meshes
+from multirod.files.describing import described
 from multirod.files.saving import robot_text
 from multirod.files.whole import written
 from multirod.profile import Profile
@@ -192,7 +193,7 @@ def test_the_robots_tried_have_all_that_a_file_may_hold():
 
     curved = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=1, torsional_stiffness=1, lines=routed()))
     for robot in [*(make() for make in ROBOTS.values()), curved, stiff_push_rod()]:
-        look(kinds.described(robot, "robot", functions=True), kinds.Part(kinds.ROBOTS, many=False, named=True))
+        look(described(robot, "robot", functions=True), kinds.Part(kinds.ROBOTS, many=False, named=True))
     shown["Rod"] |= shown["Section"]
     shown["Section"] |= {"precurvature"}
     without_unit = {"name", "driven", "friction", "area_fixed", "joints", "joint_axes", "route", "members", "loads"}

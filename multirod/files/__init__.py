@@ -11,9 +11,10 @@ ending             what                                                  to be r
 ``.rrd``           a history as a recording                              the Rerun viewer
 =================  ====================================================  ======================================================
 
-``saving`` and ``loading`` are where to begin. ``kinds`` says what a file may hold, and how that is made of tables; ``text`` and
-``archive`` write tables; ``results`` makes tables of solutions; ``centrelines``, ``datasets`` and ``meshes`` are what the others
-write. Every file is written whole or not at all (``whole``), and nothing is pickled.
+``saving`` and ``loading`` are where to begin. ``kinds`` says what a file may hold, ``describing`` makes tables of that and
+``making`` makes it of tables; ``text`` and ``archive`` write tables; ``results`` makes tables of solutions; ``centrelines``,
+``datasets`` and ``meshes`` are what the others write. Every file is written whole or not at all (``whole``), and nothing is
+pickled.
 """
 
 from multirod.files.loading import load

@@ -33,7 +33,8 @@ def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
             type; the message names the file, the place in it, the value and what is allowed.
     """
     from multirod.files import archive, text
-    from multirod.files.kinds import ROBOTS, Part, made
+    from multirod.files.kinds import ROBOTS, Part
+    from multirod.files.making import made
     from multirod.files.results import inputs_from, result_from
 
     file = path_of("path", path)

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.batch import thread_count
-from multirod.files.kinds import INTEGRATORS, ROBOTS, Part, described, made, profile
+from multirod.files.describing import described
+from multirod.files.kinds import INTEGRATORS, ROBOTS, Part
+from multirod.files.making import made, profile
 from multirod.inputs import Inputs
 from multirod.models.assemblies.network import Network
 from multirod.results.events import joined_events, separate_events

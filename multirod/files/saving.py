@@ -9,7 +9,8 @@ from typing import Any, Unpack
 import multirod
 from multirod.assembly import Assembly
 from multirod.files import archive, centrelines, datasets, meshes
-from multirod.files.kinds import UNITS, described
+from multirod.files.describing import described
+from multirod.files.kinds import UNITS
 from multirod.files.results import table_of_inputs, table_of_result
 from multirod.files.text import toml
 from multirod.files.whole import written

@@ -13,15 +13,17 @@ from multirod.recording import columns, layout
 from multirod.recording.along import AlongPlots
 from multirod.recording.bodies import around, poses_of
 from multirod.recording.coloring import Coloring
+from multirod.recording.entities import Entities
 from multirod.recording.figure import discs
 from multirod.recording.framing import Extent, Frame
-from multirod.recording.loads import DrawnLoad, acting, arrow_ends, largest
+from multirod.recording.loads import acting, arrow_ends, largest
+from multirod.recording.series import compare, compared, scalars_of, tips_of, told
 from multirod.recording.stage import TIP_AXES, Stage, final_scale, frame_ends, given, live_scale, targets
 from multirod.recording.style import scales, styles
 from multirod.results.history import History
 from multirod.results.remarks import Remarks
 from multirod.results.strains import strains
-from multirod.status import Status, failures, left_branch
+from multirod.status import Status
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from multirod.recording.streams import Stream
 
 _ROWS = 1000
-_BEYOND = 1.15  # length of a body's axes over how far it reaches
 
 
 class Writer:
@@ -65,9 +66,7 @@ class Writer:
         self._live = live
         self._breathe = breathe
         self._send = _sender(streams, breathe)
-        self._last_tip: dict[str, FloatArray] = {}
-        self._last_value: dict[str, Any] = {}
-        self._last_sound: dict[int, list[FloatArray]] = {}
+        self._entities = Entities(self._send, node_count)
         self._extent = Extent(np.zeros((0, 3)))
         self._largest = {"force": 0.0, "moment": 0.0}
         self._ranges: dict[str, tuple[float, float]] = {}  # of what is plotted by its logarithm
@@ -96,9 +95,9 @@ class Writer:
             coloring=coloring,
             remarks=remarks,
         )
-        self._text = title, solver, total, _compared(block, reference)
+        self._text = title, solver, total, compared(block, reference)
         self._along = AlongPlots(self.stage, self._send)
-        self._note_ranges(_scalars(self.stage, block, _tips(block, reference)) | _told(remarks))
+        self._note_ranges(scalars_of(self.stage, block, tips_of(block, reference)) | told(remarks))
         return layout.blueprint(self.stage, {} if self._live else self._ranges)
 
     def _note_ranges(self, scalars: dict[str, FloatArray]) -> None:
@@ -130,19 +129,19 @@ class Writer:
         samples = len(block.time)
         sources = [("", block)] if reference is None else [("", block), ("reference/", reference)]
         shapes = {kind: self._shapes(source, samples) for kind, source in sources}
-        tips = _tips(block, reference)
+        tips = tips_of(block, reference)
         if self._live:
             self._widen(block, shapes[""], remarks)
         self._breathe()
         stage = self.stage
         if any(profile.name == "difference" for profile in stage.profiles):
-            _compare(shapes)
+            compare(shapes)
         lines = [self._line(block, line, samples) for line in range(len(stage.lines))]
         rims = [self._rims(block, rod, shape) for rod, shape in enumerate(shapes[""])]
         tension = np.reshape(block.tension, (samples, -1, len(stage.lines))) if stage.lines else np.zeros((samples, 0, 0))
         rotations = np.reshape(block.tip_rotation, (samples, -1, 3, 3))
         self._breathe()
-        scalars = _scalars(stage, block, tips) | _told(remarks)
+        scalars = scalars_of(stage, block, tips) | told(remarks)
         self._breathe()
         loads = acting(block)
         bodies = [
@@ -163,37 +162,37 @@ class Writer:
                 for i, shape in enumerate(shapes[""]):
                     capsules = columns.capsules(shape["position"][rows, k], stage.rods[i].radius, shades)
                     self._send(stage.rod("rods", k, i), index, capsules)
-                    self._write_name(k, i, index, shapes[""], rows)
+                    self._entities.name(stage, k, i, index, shapes[""], rows)
                     self._along.write(along, k, i, index, rows)
                 for i, shape in enumerate(shapes.get("reference/", [])):
                     self._send(stage.rod("reference/rods", k, i), index, columns.strips(shape["position"][rows, k]))
                 for i, nodes in enumerate(lines):
-                    self._write_line(k, i, index, nodes[rows, k], tension[rows, k, i])
+                    self._entities.line(stage, k, i, index, nodes[rows, k], tension[rows, k, i])
                 for i, circles in enumerate(rims):
                     if circles.size:
                         self._send(stage.rod("discs", k, i), index, columns.strips(circles[rows, k]))
-                self._write_tip(k, index, tips[""][rows, k], rotations[rows, k])
+                self._entities.tip(stage, k, index, tips[""][rows, k], rotations[rows, k])
                 for i, (position, rotation) in enumerate(bodies):
-                    self._write_body(k, i, steps[rows], block.time[rows], position[rows, k], rotation[rows, k])
+                    self._entities.body(stage, k, i, steps[rows], block.time[rows], position[rows, k], rotation[rows, k])
                 for kind, positions in tips.items():
-                    self._write_path(stage.world(f"{kind}tip_path", k), index, positions[rows, k])
+                    self._entities.path(stage.world(f"{kind}tip_path", k), index, positions[rows, k])
                 for load, (origins, force) in loads.items():
-                    self._write_arrows(k, load, index, origins[rows, k], force[rows, k])
+                    self._entities.arrows(stage, k, load, index, origins[rows, k], force[rows, k])
                     if remarks and load.name in remarks[0].covariances:
                         spread = np.array([said.covariances[load.name] for said in remarks[rows]])
                         if load.name == "follower_force":
                             spread = rotations[rows, k] @ spread @ rotations[rows, k].swapaxes(1, 2)
-                        self._write_spread(f"{stage.load(k, load)}/spread", index, force[rows, k], spread)
+                        self._entities.spread(f"{stage.load(k, load)}/spread", index, force[rows, k], spread)
                 if remarks and remarks[0].target is not None:
-                    self._write_points(stage.world("target", k), index, targets(remarks[rows]))
-                    self._write_path(stage.world("target_path", k), index, targets(remarks[rows]))
+                    self._entities.points(stage.world("target", k), index, targets(remarks[rows]))
+                    self._entities.path(stage.world("target_path", k), index, targets(remarks[rows]))
                 if remarks and remarks[0].measured is not None:
-                    self._write_points(stage.world("measured", k), index, np.array([said.measured for said in remarks[rows]]))
+                    self._entities.points(stage.world("measured", k), index, np.array([said.measured for said in remarks[rows]]))
                 for path, values in scalars.items():
-                    self._send_scalars(stage.scalar(path, k), index, values[rows, k])
-                self._write_status(stage.scalar("/status", k), steps[rows], block.time[rows], statuses[rows, k])
+                    self._entities.scalars(stage.scalar(path, k), index, values[rows, k])
+                self._entities.status(stage.scalar("/status", k), steps[rows], block.time[rows], statuses[rows, k])
                 nodes_of_rods = [shape["position"][rows, k] for shape in shapes[""]]
-                self._write_failed(k, steps[rows], block.time[rows], statuses[rows, k], nodes_of_rods)
+                self._entities.failed(stage, k, steps[rows], block.time[rows], statuses[rows, k], nodes_of_rods)
 
     def _widen(self, block: History, shapes: Sequence[dict[str, FloatArray]], remarks: Sequence[Remarks]) -> None:
         """Fit scale, frame and plots to what was not known when the stage was set."""
@@ -276,156 +275,6 @@ class Writer:
 
         return columns.circles(between(shape["position"]), between(shape["rotation"]), radius)
 
-    def _write_line(self, k: int, line: int, index: "Index", nodes: FloatArray, tension: FloatArray) -> None:
-        path, shades, radius = (
-            self.stage.line(k, line),
-            columns.shades(tension, self.stage.strongest),
-            self.stage.lines[line].radius,
-        )
-        if radius:
-            self._send(path, index, columns.capsules(nodes, radius, shades))
-        else:
-            pieces = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2)
-            self._send(path, index, columns.strips(pieces, shades))
-
-    def _write_tip(self, k: int, index: "Index", position: FloatArray, rotation: FloatArray) -> None:
-        import rerun as rr
-
-        frames, sound = columns.poses(position, rotation)
-        axes = rr.TransformAxes3D.columns(
-            axis_length=np.where(sound, (TIP_AXES if self.stage.labelled else 0.3 * TIP_AXES) * self.stage.size, 0.0)
-        )
-        self._send(self.stage.world("tip", k), index, [*frames, *axes])
-
-    def _write_body(
-        self, k: int, body: int, steps: NDArray[np.int64], times: FloatArray, position: FloatArray, rotation: FloatArray
-    ) -> None:
-        """A platform or a body, with its frame where it is not the end effector, whose frame is the tip's."""
-        import rerun as rr
-
-        drawn, index = self.stage.bodies[body], columns.index(steps, times)
-        path = self.stage.body(k, drawn)
-        frames, sound = columns.poses(position, rotation)
-        axes: list[Any] = []
-        if drawn.name and drawn.name != getattr(self.stage.assembly, "end_effector", ""):
-            length = max(0.6 * TIP_AXES * self.stage.size, _BEYOND * drawn.reach)  # so that they end outside of it
-            axes = [*rr.TransformAxes3D.columns(axis_length=np.where(sound, length, 0.0))]
-        self._send(path, index, [*frames, *axes])
-        if drawn.name:
-            place = np.tile(drawn.corner(k), (int(sound.sum()), 1))
-            self._send(f"{path}/name", index, rr.Points3D.columns(positions=place).partition(sound.astype(int)))
-        changed = self._changed(path, sound)
-        if changed.any():
-            mesh = columns.plates(drawn.solids[k], sound[changed])
-            self._send(path, columns.index(steps[changed], times[changed]), mesh)
-
-    def _write_path(self, path: str, index: "Index", positions: FloatArray) -> None:
-        before = np.concatenate([self._last_tip.get(path, positions[:1]).reshape(1, 3), positions[:-1]])
-        self._last_tip[path] = positions[-1]
-        self._send(path, index, columns.strips(np.stack([before, positions], axis=1)))
-
-    def _write_arrows(self, k: int, load: DrawnLoad, index: "Index", origins: FloatArray, force: FloatArray) -> None:
-        """Arrows in newtons, each from the origin of a frame whose scale may yet change."""
-        import rerun as rr
-
-        path = self.stage.load(k, load)
-        sound = np.isfinite(origins).all(axis=1) & np.isfinite(force).all(axis=1) & (np.abs(force).max(axis=1) > 0)
-        labels = [f"{value:.3g} {load.unit}" for value in np.linalg.norm(force[sound], axis=1)]
-        arrows = rr.Arrows3D.columns(vectors=force[sound], labels=labels if self.stage.labelled else None)
-        places = rr.Transform3D.columns(translation=origins[sound])
-        self._send(path, index, [*arrows.partition(sound.astype(int)), *places.partition(sound.astype(int))])
-
-    def _write_points(self, path: str, index: "Index", positions: FloatArray) -> None:
-        """A point a sample; none where it is not known."""
-        import rerun as rr
-
-        sound = np.isfinite(positions).all(axis=1)
-        self._send(path, index, rr.Points3D.columns(positions=positions[sound]).partition(sound.astype(int)))
-
-    def _write_spread(self, path: str, index: "Index", force: FloatArray, covariances: FloatArray) -> None:
-        """The ellipsoid about an arrow's end that has 95 % of the force, in newtons as the arrow."""
-        import rerun as rr
-
-        half, turns = columns.ellipsoids(covariances)
-        sound = (np.isfinite(force).all(axis=1) & np.isfinite(half).all(axis=1)).astype(int)
-        kept = sound == 1
-        shapes = rr.Ellipsoids3D.columns(centers=force[kept], half_sizes=half[kept], quaternions=turns[kept])
-        self._send(path, index, shapes.partition(sound))
-
-    def _write_name(self, k: int, rod: int, index: "Index", shapes: Sequence[dict[str, FloatArray]], rows: slice) -> None:
-        """A name where the rod can be seen: in the middle of what no tube of its leg covers."""
-        import rerun as rr
-
-        if not self.stage.label(k, rod):
-            return
-        own = shapes[rod]["arclength"][rows, k, -1]
-        others = [shapes[i]["arclength"][rows, k, -1] for i, r in enumerate(self.stage.rods) if r.leg == self.stage.rods[rod].leg]
-        covered = np.max([np.where(other < own, other, 0.0) for other in others], axis=0)
-        part = 1.0 if self.stage.batched else 0.5 + 0.5 * covered / own
-        node = np.nan_to_num(part * (self._node_count - 1)).astype(int)
-        nodes = np.broadcast_to(node, own.shape)[:, None, None]
-        places = np.take_along_axis(shapes[rod]["position"][rows, k], nodes, axis=1)[:, 0]
-        sound = np.isfinite(places).all(axis=1)
-        self._send(
-            self.stage.rod("names", k, rod), index, rr.Points3D.columns(positions=places[sound]).partition(sound.astype(int))
-        )
-
-    def _write_failed(
-        self, k: int, steps: NDArray[np.int64], times: FloatArray, codes: NDArray[Any], positions: Sequence[FloatArray]
-    ) -> None:
-        """Where samples begin to fail, or what is an event begins, the last shape before and what happened, in words; where they
-        end, nothing."""
-        import rerun as rr
-
-        failed = failures(codes)
-        told = failed | left_branch(codes)
-        last = self._last_sound.setdefault(k, [np.zeros((0, 3)) for _ in positions])
-        states = np.where(told, codes, -1)
-        path = self.stage.world("failed/status", k)
-        self._last_value.setdefault(path, -1)
-        if told.any() or self._last_value[path] != -1:
-            for row in np.flatnonzero(self._changed(path, states)):
-                index = columns.index(steps[row : row + 1], times[row : row + 1])
-                shown = [p[row - 1] for p in positions] if row and not failed[row - 1] else last
-                for i, nodes in enumerate(shown):
-                    strip = [nodes] if told[row] and len(nodes) else []
-                    strips = rr.LineStrips3D.columns(strips=strip).partition([len(strip)])
-                    self._send(self.stage.rod("failed/rods", k, i), index, strips)
-                    last[i] = nodes
-                text = [_words(int(codes[row]))] if told[row] else []
-                place = [self._place_of_words(nodes)] if told[row] else []
-                points = [*rr.Points3D.columns(positions=place).partition([len(text)])]
-                self._send(path, index, [*points, *rr.Points3D.columns(labels=text).partition([len(text)])])
-        sound = np.flatnonzero(~failed)
-        if sound.size:
-            self._last_sound[k] = [p[sound[-1]] for p in positions]
-
-    def _place_of_words(self, nodes: FloatArray) -> FloatArray:
-        """Where what happened can be read: high in the view; of several instances, at the tip of each."""
-        if not self.stage.batched:
-            return Frame.between(self.stage.centre, self.stage.eye).above
-        return np.asarray(nodes[-1] if len(nodes) else next(iter(self.stage.bases.values()))[:3, 3])
-
-    def _write_status(self, path: str, steps: NDArray[np.int64], times: FloatArray, codes: NDArray[Any]) -> None:
-        import rerun as rr
-
-        names = np.array([Status(int(code)).name for code in codes])
-        changed = self._changed(path, names)
-        if changed.any():
-            states = rr.StateChange.columns(state=names[changed].tolist())
-            self._send(path, columns.index(steps[changed], times[changed]), states)
-
-    def _changed(self, path: str, values: NDArray[Any]) -> NDArray[np.bool_]:
-        """Rows that differ from the one before, which may be of an earlier call."""
-        changed = np.concatenate([[values[0] != self._last_value.get(path)], values[1:] != values[:-1]])
-        self._last_value[path] = values[-1]
-        return changed
-
-    def _send_scalars(self, path: str, index: "Index", values: FloatArray) -> None:
-        import rerun as rr
-
-        self._send(path, index, rr.Scalars.columns(scalars=np.ascontiguousarray(values)))
-
 
 def _scales(found: dict[str, float]) -> dict[str, Any]:
     """As fields of a stage."""
@@ -443,77 +292,6 @@ def _sender(streams: "Sequence[Stream]", breathe: Callable[[], None]) -> "Send":
     return send
 
 
-def _told(remarks: Sequence[Remarks]) -> dict[str, FloatArray]:
-    """Series of what tasks said, axes (sample, instance[, component])."""
-    values: dict[str, FloatArray] = {}
-    if remarks and remarks[0].target_error is not None:
-        error = 1e3 * np.array([[said.target_error] for said in remarks], dtype=np.float64)
-        values["/task/target_error_mm"], values["/task/target_error_mm_log10"] = error, columns.log10(error)
-    if remarks and remarks[0].limits is not None:
-        values["/task/limits"] = np.array([said.limits for said in remarks])[:, None]
-    return values
-
-
-def _tips(block: History, reference: History | None) -> dict[str, FloatArray]:
-    """Of all sources, axes (sample, instance, 3)."""
-    sources = {"": block} if reference is None else {"": block, "reference/": reference}
-    return {kind: np.reshape(source.tip_position, (len(block.time), -1, 3)) for kind, source in sources.items()}
-
-
-def _compared(block: History, reference: History | None) -> str:
-    """What the reference is, as far as it is another."""
-    if reference is None:
-        return ""
-    robot = "" if reference.assembly is block.assembly else repr(reference.assembly)
-    return ", ".join(part for part in (robot, reference.description) if part)
-
-
 def _words(code: int) -> str:
     status = Status(code)
     return f"{status.name}\n" + "\n".join(wrap(status.message, 44))
-
-
-def _compare(shapes: dict[str, list[dict[str, FloatArray]]]) -> None:
-    """Add to each rod's shape how far its nodes are from the reference's [mm]."""
-    for shape, other in zip(shapes[""], shapes["reference/"], strict=True):
-        shape["difference"] = 1e3 * np.linalg.norm(shape["position"] - other["position"], axis=-1, keepdims=True)
-
-
-def _scalars(stage: Stage, block: History, tips: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Series by entity, axes (sample, instance[, component])."""
-
-    def split(values: object, *tail: int) -> FloatArray:
-        return np.reshape(np.asarray(values, dtype=np.float64), (len(block.time), -1, *tail))
-
-    residual, condition, least = split(block.residual), split(block.condition), split(block.smallest_singular_value)
-    values = {
-        "/error/boundary": residual,
-        "/error/boundary_log10": columns.log10(residual),
-        "/conditioning/condition": condition,
-        "/conditioning/condition_log10": columns.log10(condition),
-        "/conditioning/smallest_singular_value": least,
-        "/conditioning/smallest_singular_value_log10": columns.log10(least),
-        "/solver/iterations": split(block.iterations),
-        "/solver/integrations": split(block.integrations),
-    }
-    if stage.lines:
-        values["/lines/tension"] = split(block.tension, len(stage.lines))
-        values["/lines/length_mm"] = 1e3 * split(block.line_length, len(stage.lines))
-    if stage.blocks:
-        every = split(block.boundary_residual, block.unknown_count)
-        parts = [np.abs(every[..., part.residuals]).max(axis=-1) for part in stage.blocks]
-        values["/error/blocks"] = np.stack(parts, axis=-1)
-        values["/error/blocks_log10"] = columns.log10(values["/error/blocks"])
-    if np.isfinite(block.step_time).any():
-        values["/solver/step_time_ms"] = np.broadcast_to(1e3 * block.step_time[:, None], residual.shape)
-        values["/solver/step_time_ms_log10"] = columns.log10(values["/solver/step_time_ms"])
-    if "reference/" in tips:
-        error = 1e3 * np.linalg.norm(tips[""] - tips["reference/"], axis=-1)
-        values["/error/tip_mm"] = error
-        values["/error/tip_mm_log10"] = columns.log10(error)
-    for name in block.inputs.given:
-        if block.inputs.profile(name) is None:
-            value = getattr(block.inputs, name)
-            width = value.shape[-1]
-            values[f"/inputs/{name}"] = split(np.broadcast_to(value, (*block.batch_shape, width)), width)
-    return values

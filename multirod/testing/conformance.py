@@ -2,93 +2,25 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
-from multirod.integrators import RK45, Integrator
+from multirod.integrators import RK45
 from multirod.problem import BoundaryProblem
-from multirod.results.solution import Solution
 from multirod.running.simulation import solve
-from multirod.solver import Solver, registered_solvers
+from multirod.solver import registered_solvers
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status
+from multirod.testing.derivatives import derivatives, input_derivatives, jacobian
+from multirod.testing.study import ALIKE, INTEGRATED, TIGHT, Nonconformance, Study, same, shape
 from multirod.validation import FloatArray, instance
 
-STEP = 1e-5  # of differences, in the sizes of what is varied
-CLOSE = 1e-5  # of derivatives and their differences, of the largest in a matrix
-ALIKE = 1e-12  # of an instance alone and in a batch, of the largest
-INTEGRATED = 1e-7  # error of an integration with step control, of the curvature scale
-TIGHT = 1e-10  # tolerance of solutions that are differentiated [1/m]
 LOAD_UNITS = ("N", "N m", "N/m", "Pa", "m/s^2", "T")
 STATE = ("records", "active", "load_factor", "order", "directions")
-
-
-class Nonconformance(AssertionError):
-    """An assembly breaks the contract; the message lists every check that failed, and by how much."""
-
-
-@dataclass(frozen=True)
-class Study:
-    """What the checks work on.
-
-    Attributes:
-        robot: The assembly.
-        inputs: Of one instance.
-        names: The inputs that are varied.
-        tip_rod: The rod that ends at the end effector; None where none does.
-        solvers: By name.
-    """
-
-    robot: Assembly
-    inputs: Inputs
-    names: tuple[str, ...]
-    tip_rod: int | None
-    solvers: dict[str, Solver]
-
-    @cached_property
-    def integrator(self) -> Integrator:
-        """At fixed steps, so that differences are of one discretisation; by the kernels of step control."""
-        return RK45(steps=32)
-
-    @cached_property
-    def solution(self) -> Solution:
-        """The equilibrium."""
-        return self.solve(self.inputs).raise_if_failed()
-
-    def solve(self, inputs: Inputs, guess: FloatArray | None = None) -> Solution:
-        """With the integrator of the differences."""
-        return solve(self.robot, inputs, solver=Shooting(tolerance=TIGHT, integrator=self.integrator), guess=guess)
-
-    def problem(self, inputs: Inputs | None = None, **options: Any) -> BoundaryProblem:  # noqa: ANN401  (of the robot's own ``problem``)
-        """A problem at these inputs, those of the study by default."""
-        return self.robot.problem(self.inputs if inputs is None else inputs, integrator=self.integrator, **options)
-
-    def repeated(self, count: int) -> Inputs:
-        """The same inputs for several instances."""
-        plain = list(self.inputs.arrays) or [self.robot.input_specs[0].name]
-        values = {name: np.asarray(getattr(self.inputs, name)) for name in plain}
-        return self.inputs.with_arrays({name: np.broadcast_to(v, (count, v.shape[-1])) for name, v in values.items()})
-
-    def changed(self, name: str, changes: FloatArray) -> Inputs:
-        """One input by changes of its components, (k, size): a batch."""
-        plain = {given: getattr(self.inputs, given) for given in self.inputs.arrays}
-        plain[name] = np.asarray(getattr(self.inputs, name)) + changes
-        return self.robot.make_inputs(plain | dict(self.inputs.profiles))
-
-    @cached_property
-    def near(self) -> FloatArray:
-        """Unknowns at and near the equilibrium, shape (3, n)."""
-        scale = float(self.problem().curvature_scale()[0])
-        aside = np.random.default_rng(0).standard_normal((3, self.solution.unknown_count))
-        aside[0] = 0.0
-        return np.asarray(self.solution.unknowns + 0.05 * scale * aside)
 
 
 def check_assembly(
@@ -142,22 +74,6 @@ def _recorded(name: str, found: list[str]) -> Iterator[None]:
         found.append(f"{name}: {kind}{error}")
 
 
-def _same(what: str, given: object, expected: object, tolerance: float, floor: float = 0.0) -> None:
-    """Refuse arrays that differ by more than a part of the largest, or than a floor."""
-    given, expected = np.asarray(given, dtype=float), np.asarray(expected, dtype=float)
-    if given.shape != expected.shape:
-        raise Nonconformance(f"{what} has the shape {given.shape}, not {expected.shape}")
-    if not given.size:
-        return
-    if not np.isfinite(given).all():
-        raise Nonconformance(f"{what} is not finite")
-    gap, allowed = np.abs(given - expected), max(tolerance * float(np.abs(expected).max()), floor)
-    if not gap.max() <= allowed:
-        place = np.unravel_index(int(gap.argmax()), gap.shape)
-        index = ", ".join(str(int(k)) for k in place)
-        raise Nonconformance(f"{what}[{index}] is {given[place]:.9g}, not {expected[place]:.9g} (allowed: {allowed:.1g})")
-
-
 def _inputs(study: Study) -> None:
     """Specs have names of their own, and places of their own in a row, which ``pack`` fills."""
     specs = study.robot.input_specs
@@ -181,8 +97,8 @@ def _inputs(study: Study) -> None:
     row = problem.pack(study.inputs)[0]
     for name in study.inputs.given:
         if name not in study.inputs.profiles:
-            _same(f"pack(inputs) at {name}", row[problem.input_slice(name)], getattr(study.inputs, name), 0.0)
-    _same("the problem's row of inputs", problem.read("inputs")[0], row, 0.0)
+            same(f"pack(inputs) at {name}", row[problem.input_slice(name)], getattr(study.inputs, name), 0.0)
+    same("the problem's row of inputs", problem.read("inputs")[0], row, 0.0)
 
 
 def _blocks(study: Study) -> None:
@@ -203,7 +119,7 @@ def _guess(study: Study) -> None:
     """Where the load factor is 0, ``guess()`` is an equilibrium; ``evaluate`` there leaves it so."""
     problem = study.problem()
     x = problem.guess()
-    _shape("guess()", x, (1, problem.unknown_count))
+    shape("guess()", x, (1, problem.unknown_count))
     with problem.at_load(0.0):
         residual, _ = problem.evaluate(x)
     limit = float(problem.tolerance(None)[0])
@@ -211,98 +127,6 @@ def _guess(study: Study) -> None:
         raise Nonconformance(
             f"at a load_factor of 0 the residual of guess() is {np.abs(residual).max():.3g} 1/m, more than {limit:.1g}"
         )
-
-
-def _shape(what: str, given: ArrayLike, expected: tuple[int, ...]) -> None:
-    if np.shape(given) != expected:
-        raise Nonconformance(f"{what} has the shape {np.shape(given)}, not {expected}")
-
-
-def _differences(function: Callable[[FloatArray], FloatArray], point: FloatArray, step: float) -> FloatArray:
-    """Derivative by central differences, one column for each component."""
-    columns = [(function(point + step * unit) - function(point - step * unit)) / (2 * step) for unit in np.eye(len(point))]
-    return np.asarray(np.stack(columns, axis=-1))
-
-
-def _pose_change(R: FloatArray, before: FloatArray) -> FloatArray:
-    """Rotation vector, to first order, from one rotation (3, 3) to another, in the world."""
-    turn = R @ before.T
-    return np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
-
-
-def _pose_differences(
-    problem: BoundaryProblem, evaluate: Callable[[FloatArray], Any], point: FloatArray, step: float
-) -> FloatArray:
-    """Columns (6, k) of the end effector's pose by differences of what ``evaluate`` leaves in the problem's buffers."""
-    columns = []
-    for unit in np.eye(len(point)):
-        poses = []
-        for side in (1, -1):
-            evaluate(point + side * step * unit)
-            poses.append((problem.read("position")[0], problem.read("rotation")[0].reshape(3, 3)))
-        (p, R), (q, S) = poses
-        columns.append(np.concatenate([p - q, _pose_change(R, S)]) / (2 * step))
-    return np.stack(columns, axis=-1)
-
-
-def _derivatives(study: Study) -> None:
-    """``Gamma`` and the pose's columns by the unknowns are those of the residual and the pose, at and off the equilibrium."""
-    problem = study.problem(pose_sensitivities=True)
-    scale = float(problem.curvature_scale()[0])
-    for k, x in enumerate(study.near):
-        where = "at the equilibrium" if k == 0 else "off the equilibrium"
-        _, gamma = problem.evaluate(x[None])
-        pose = np.array(problem.pose_columns.numpy())[0, :, : problem.unknown_count]
-
-        def evaluate(y: FloatArray) -> FloatArray:
-            return np.array(problem.evaluate(y[None])[0][0])
-
-        _same(f"Gamma {where}", gamma[0], _differences(evaluate, x, STEP * scale), CLOSE)
-        by_difference = _pose_differences(problem, evaluate, x, STEP * scale)
-        for rows, what in ((slice(0, 3), "position"), (slice(3, 6), "rotation")):
-            _same(f"pose_columns of the {what} {where}", pose[rows], by_difference[rows], CLOSE, 1e-9)
-
-
-def _input_derivatives(study: Study) -> None:
-    """``input_columns`` are those of the residual and the pose by each input, the unknowns fixed."""
-    for name in study.names:
-        _columns_by(study, name)
-
-
-def _columns_by(study: Study, name: str) -> None:
-    options: dict[str, Any] = dict(study.robot.input_directions(name))
-    problem = study.problem(pose_sensitivities=True, enabled=(name,), **options)
-    x = problem.adopt(study.solution.unknowns[None])
-    problem.write("unknowns", x)
-    slopes, pose = problem.input_columns(name)
-    row, place = problem.read("inputs"), problem.input_slice(name)
-    step = STEP * max(1.0, float(np.abs(row[:, place]).max()))
-
-    def evaluate(values: FloatArray) -> FloatArray:
-        changed = row.copy()
-        changed[:, place] = values
-        problem.write("inputs", changed)
-        return np.array(problem.evaluate(x)[0][0])
-
-    _same(f"the residual's columns by {name}", slopes[0], _differences(evaluate, row[0, place], step), CLOSE, 1e-8)
-    by_difference = _pose_differences(problem, evaluate, row[0, place], step)
-    _same(f"the pose's columns by {name}", pose[0], by_difference, CLOSE, 1e-8)
-
-
-def _jacobian(study: Study) -> None:
-    """``solution.jacobian`` is how the tip of solved equilibria moves with the inputs."""
-    for name in study.names:
-        given = study.solution.jacobian(name)
-        size = given.shape[-1]
-        value = np.asarray(getattr(study.inputs, name))
-        step = 1e-4 * max(1e-2, float(np.abs(value).max()))
-        units = np.concatenate([np.eye(size), -np.eye(size)]) * step
-        start = None if name not in study.inputs.given else np.tile(study.solution.unknowns, (2 * size, 1))
-        found = study.solve(study.changed(name, units), start).raise_if_failed()
-        moved = (found.tip_position[:size] - found.tip_position[size:]) / (2 * step)
-        turned = [_pose_change(found.tip_rotation[k], found.tip_rotation[size + k]) / (2 * step) for k in range(size)]
-        expected = np.concatenate([moved, np.array(turned)], axis=1).T
-        _same(f"solution.jacobian({name!r})", given, expected, 1e-4, 1e-7)
 
 
 def _batches(study: Study) -> None:
@@ -316,9 +140,9 @@ def _batches(study: Study) -> None:
         alone = study.problem()
         r, g = alone.evaluate(x[k][None])
         for what, one, many in (("residual", r, residual), ("Gamma", g, gamma), ("position", alone.read("position"), position)):
-            _same(f"the {what} of instance {k} of a batch, against it alone", many[k], one[0], ALIKE)
+            same(f"the {what} of instance {k} of a batch, against it alone", many[k], one[0], ALIKE)
     part = study.problem(study.repeated(count), instances=np.array([1]))
-    _same("the residual of instances=[1]", part.evaluate(x[1][None])[0][0], residual[1], ALIKE)
+    same("the residual of instances=[1]", part.evaluate(x[1][None])[0][0], residual[1], ALIKE)
     before = problem.snapshot()
     chosen = np.array([True, False, False])
     with problem.only(chosen):
@@ -326,7 +150,7 @@ def _batches(study: Study) -> None:
         problem.integrate()
     problem.write("unknowns", x)
     after = problem.snapshot()
-    _same("what is not active, after an integration", after[1:], before[1:], 0.0)
+    same("what is not active, after an integration", after[1:], before[1:], 0.0)
     _batch_failure(study, problem, x, residual)
 
 
@@ -337,7 +161,7 @@ def _batch_failure(study: Study, problem: BoundaryProblem, x: FloatArray, residu
     found, gamma = problem.evaluate(broken)
     if np.isfinite(found[0]).all() or np.isfinite(gamma[0]).all():
         raise Nonconformance("unknowns that are NaN have a finite residual or Gamma")
-    _same("the residual of an instance beside one that fails", found[1:], residual[1:], ALIKE)
+    same("the residual of an instance beside one that fails", found[1:], residual[1:], ALIKE)
 
 
 def _questions(study: Study) -> None:
@@ -407,10 +231,10 @@ def _shapes(study: Study) -> None:
     for k in range(study.robot.rod_count):
         shape = study.solution.rod(k, nodes=9)
         turn = shape.rotation @ np.swapaxes(shape.rotation, -1, -2)
-        _same(f"R R^T of rod {k}", turn, np.broadcast_to(np.eye(3), turn.shape), 1e-8)
+        same(f"R R^T of rod {k}", turn, np.broadcast_to(np.eye(3), turn.shape), 1e-8)
         if k == study.tip_rod:
-            _same(f"the end of rod {k}", shape.position[-1], study.solution.tip_position, 0.0, 1e-6 * length)
-            _same("its tangent", shape.rotation[-1, :, 2], study.solution.tip_rotation[:, 2], 0.0, 1e-5)
+            same(f"the end of rod {k}", shape.position[-1], study.solution.tip_position, 0.0, 1e-6 * length)
+            same("its tangent", shape.rotation[-1, :, 2], study.solution.tip_rotation[:, 2], 0.0, 1e-5)
 
 
 def _potential(study: Study) -> None:
@@ -428,7 +252,7 @@ def _potential(study: Study) -> None:
         slopes.append((around.potential[:3] - around.potential[3:]) / (2 * step))
         tips.append(middle.tip_position[0])
     length = max(float(np.max(rod.length)) for rod in study.robot.rods)
-    _same("the change of dV/d(tip_force)", slopes[1] - slopes[0], tips[0] - tips[1], 1e-3, 1e-6 * length)
+    same("the change of dV/d(tip_force)", slopes[1] - slopes[0], tips[0] - tips[1], 1e-3, 1e-6 * length)
 
 
 def _stability(study: Study) -> None:
@@ -459,9 +283,9 @@ CHECKS: dict[str, Callable[[Study], None]] = {
     "inputs": _inputs,
     "blocks": _blocks,
     "guess": _guess,
-    "derivatives": _derivatives,
-    "derivatives by inputs": _input_derivatives,
-    "jacobian": _jacobian,
+    "derivatives": derivatives,
+    "derivatives by inputs": input_derivatives,
+    "jacobian": jacobian,
     "batches": _batches,
     "questions": _questions,
     "solvers": _solvers,

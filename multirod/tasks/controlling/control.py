@@ -10,7 +10,8 @@ from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.rotations import matrices
 from multirod.tasks.condensed import condensed
-from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, LONGEST, SINGULAR, Control, make_control
+from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, make_control
+from multirod.tasks.controlling.control_step_kernels import LONGEST, Control
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme

@@ -9,7 +9,7 @@ from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem
 from multirod.stability import modes_of
-from multirod.tasks.controlling.control_kernels import LONGEST
+from multirod.tasks.controlling.control_step_kernels import LONGEST
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import Limits
 from multirod.validation import FloatArray

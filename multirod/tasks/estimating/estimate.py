@@ -1,7 +1,6 @@
 """The most probable inputs behind measurements, and how sure they are. Numbers in parentheses: ``docs/estimation.md``."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 from threading import Event, Lock
@@ -11,37 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, Robot, Robot_co
-from multirod.batch import IntArray, parts, run, thread_count
+from multirod.batch import parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
-from multirod.running.simulation import as_solver, unknowns_of_guess
-from multirod.solver import Outcome, Solver, refuse_unfit
-from multirod.stability import Stability, modes_of
-from multirod.status import Status, failures
+from multirod.running.simulation import as_solver
+from multirod.solver import Outcome, Solver
+from multirod.status import failures
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.inference import damping, deviations, kept, posterior, principal, roots, units
+from multirod.tasks.estimating.inference import kept, principal
+from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.estimating.priors import Prior
-from multirod.tasks.formulation import Evaluation, freed, places_of, with_values
-from multirod.tasks.limits import freed_labels, known_rows
+from multirod.tasks.formulation import freed, places_of, with_values
+from multirod.tasks.limits import freed_labels
 from multirod.tasks.measuring.curvature import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers, StatusOrArray
 from multirod.validation import Described, FloatArray, choice, device_name, frozen, instance, positive_int, refuse
 
-SETTLED = 1e-2  # standard deviations: a step that is less adds 1e-4 to the error's variance
-TOLERANCE = 1e-8  # of the curvatures that arise: moves a tip by 1e-8 of its length
 SEEN = 0.5  # of the prior's variance: where more is kept, the prior says more than the measurements
-HALVINGS = 8
-LIKELY = 3.0  # standard deviations of the priors, beyond which no step goes once one has not come off
-EPSILON = float(np.finfo(np.float64).eps)
-SHARPEST = 20.0  # residuals of a step that is taken, over the curvatures that arise
 ROUNDED = 1e-9  # of the largest of some numbers, what is not shown
 FORCES = ("tip_force", "follower_force")  # whose covariance can be drawn
-RESTORED = 0.5  # of the residual: a step that leaves no more of it is taken too
-SLACK = 1e-9  # of the squares' sum, that rounding may add
-PLACE = ("x", "p", "square", "gap", "towards", "by", "step", "covariance", "J", "r")
 
 
 class Estimate(Generic[Robot_co]):
@@ -262,217 +252,6 @@ def estimate(
     return _joined(scene, [found[piece.start] for piece in pieces])
 
 
-@dataclass(frozen=True)
-class Known:
-    """What is estimated from what."""
-
-    robot: Any
-    inputs: Inputs
-    priors: dict[str, Prior]
-    sensors: tuple[Sensor, ...]
-    places: Places
-    batch_shape: tuple[int, ...]
-    solver: Solver
-    device: str
-    max_iterations: int
-    guess: Any
-
-
-class Part:
-    """Some instances: Gauss-Newton steps in the freed inputs, the unknowns eliminated, one integration each.
-
-    ``towards`` and ``by`` say where the equilibrium goes with a step, (2); ``step`` is the one that is tried next, of whose
-    length ``part`` is gone, (16), less than all where one did not come off; ``J`` and ``r`` are what it was planned by.
-    """
-
-    def __init__(
-        self, scene: Known, piece: slice | IntArray, instances: IntArray | None, measured: Measured | None = None
-    ) -> None:
-        self.scene, self.piece = scene, piece
-        robot, inputs, names = scene.robot, scene.inputs, tuple(scene.priors)
-        options: dict[str, Any] = {"integrator": scene.solver.integrator, "device": scene.device, "instances": instances}
-        limits, unit, task_options = known_rows(robot, None, names)
-        self.bounds = Bounds(limits, unit)
-        problem = robot.problem(inputs, **options, **task_options)
-        self.measured = measured or Measured(scene.sensors, scene.places, scene.batch_shape, instances)
-        whole = (scene.batch_shape, instances)
-        self.task = self.measured.task(problem, names)
-        self.prior = block_diagonal(
-            [scene.priors[name].variances(name, getattr(inputs, name).shape[-1], *whole) for name in names]
-        )
-        self.root = roots(self.prior)
-        self.mean = self.task.values()
-        self.count, n, k = problem.instance_count, problem.unknown_count, self.task.count
-        self.x, self.p = np.zeros((self.count, n)), np.array(self.mean)
-        self.towards, self.by = np.zeros((self.count, n)), np.zeros((self.count, n, k))
-        self.step, self.covariance = np.zeros((self.count, k)), np.full((self.count, k, k), np.nan)
-        self.square, self.gap = np.full((2, self.count), np.inf)
-        rows = self.measured.known.shape[1]
-        self.J, self.r = np.zeros((self.count, rows, k)), np.zeros((self.count, rows))
-        self.part = np.ones(self.count)
-        self.shortened, self.returned = np.zeros((2, self.count), dtype=np.intp)  # how often it was, since it came off
-        self.restoring, self.based = np.zeros((2, self.count), dtype=bool)
-        self.base = {name: np.array(getattr(self, name)) for name in PLACE}
-        self.base_part = np.ones(self.count)
-        given = getattr(scene.solver, "tolerance", None)
-        scale = problem.curvature_scale()
-        self.tolerance = np.maximum(problem.tolerance(given), TOLERANCE * scale if given is None else 0.0)
-        self.sharpest = SHARPEST * scale
-        self.outcome = Outcome.zeros(self.count)
-
-    def run(self) -> None:
-        """Go on until each instance has come to an end."""
-        active = self._start()
-        for _ in range(self.scene.max_iterations):
-            if not active.any():
-                break
-            active = self._advance(active)
-        self.outcome.status[active] = Status.MAX_ITERATIONS
-        self._judge()
-
-    def _judge(self) -> None:
-        """Refuse what the robot would leave, or the problem's own test does: it was at rest when it was measured."""
-        found = self.outcome.status == Status.CONVERGED
-        if not found.any():
-            return
-        problem = self.task.problem
-        doubtful = found & ~(problem.mode_bounds()[:, 0] < 1)
-        if doubtful.any():
-            unstable = np.isin(modes_of(problem).stability, (Stability.UNSTABLE, Stability.FOLD))
-            self.outcome.status[doubtful & unstable] = Status.UNSTABLE
-        refuse_unfit(problem, self.outcome)
-
-    def _start(self) -> NDArray[np.bool_]:
-        """The equilibria at the priors' means; which of them were found, and are not what is sought already."""
-        problem, every = self.task.problem, np.arange(self.count)
-        at_rest = not (np.any(problem.guess_integrations) or problem.load_scale().any() or problem.turning().any())
-        if self.scene.guess is None and not at_rest:
-            self.outcome = self.scene.solver.solve(problem)
-            self.x = problem.read("unknowns")
-            good = ~failures(self.outcome.status)
-            self.outcome.status[good] = Status.NOT_RUN
-            if self.scene.places.rods:  # which it did not tell of
-                found = self.task.evaluate(np.where(good[:, None], self.x, 0.0), self.p, good)
-                self.outcome.integrations[good] += 1
-            else:
-                found = self.task.last(every[good])
-        else:
-            self.x = self._guessed()
-            good = np.ones(self.count, dtype=bool)
-            found = self.task.evaluate(self.x, self.p)
-            self.outcome.integrations += 1
-        return self._take(every[good], self.x[good], self.p[good], found)
-
-    def _guessed(self) -> FloatArray:
-        """What was given as a guess, of these instances; else the robot at rest."""
-        problem, guess = self.task.problem, self.scene.guess
-        if guess is None:
-            return problem.guess()
-        return np.array(unknowns_of_guess(guess, problem, prod(self.scene.batch_shape), self.piece))
-
-    def _advance(self, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """One integration where the next step leads; which instances go on."""
-        part = np.where(active, self.part, 0.0)[:, None]
-        still = self.restoring[:, None]
-        along, step = np.where(still, part, part > 0), np.where(still | ~active[:, None], 0.0, self.step)
-        short = np.flatnonzero(active & ~self.restoring & (self.part < 1))
-        if len(short):
-            step[short] = self._damped(short)
-        x = self.x + np.where(along > 0, along * self.towards, 0.0) + (self.by @ step[..., None])[..., 0]
-        p = self.bounds.kept(self.p + step, self.p)
-        chosen = np.flatnonzero(active)
-        found = self.task.evaluate(x, p, active)
-        self.outcome.iterations[chosen] += 1
-        self.outcome.integrations[chosen] += 1
-        go_on = self._take(chosen, x[chosen], p[chosen], found)
-        self.outcome.status[active & ~go_on & (self.outcome.status == Status.NOT_RUN)] = Status.STALLED
-        return go_on
-
-    def _damped(self, own: NDArray[np.intp]) -> FloatArray:
-        """(16) Their steps, as long as ``part`` of those planned; shape (b, k)."""
-        J, r, root, away = self.J[own], self.r[own], self.root[own], self.p[own] - self.mean[own]
-        unit = units(J, self.prior[own])
-        damped = np.sqrt(damping(J, r, root, away, unit, self.part[own]))[:, None, None] * np.eye(J.shape[2]) / unit[:, None]
-        rows, sides = np.concatenate([J, damped], axis=1), np.concatenate([r, np.zeros(away.shape)], axis=1)
-        told = rows, sides, root, away, unit
-        return self.bounds.step(posterior(*told), self.p[own], told)[0]
-
-    def _take(self, chosen: NDArray[np.intp], x: FloatArray, p: FloatArray, found: Evaluation) -> NDArray[np.bool_]:
-        """Take a step that came off, and plan the next; which of all instances go on."""
-        r, J = self.measured.at(found, chosen)
-        root, away = self.root[chosen], p - self.mean[chosen]
-        square = (r**2).sum(axis=1) + ((root @ away[..., None])[..., 0] ** 2).sum(axis=1)
-        gap = np.abs(found.residual).max(axis=1)
-        with np.errstate(invalid="ignore"):
-            closer = square <= self.square[chosen] * (1 + SLACK) + SETTLED**2
-            closer |= gap <= RESTORED * self.gap[chosen]  # what was less there was that of no equilibrium
-            closer = np.where(self.restoring[chosen], gap < self.gap[chosen], closer)
-            came_off = closer & (gap <= np.maximum(self.sharpest[chosen], self.gap[chosen]))
-        came_off &= np.isfinite(J).all(axis=(1, 2))
-        own = chosen[came_off]
-        told = J[came_off], r[came_off], root[came_off], away[came_off], units(J[came_off], self.prior[own])
-        planned = posterior(*told)
-        step, length = self.bounds.step(planned, p[came_off], told)
-        towards, by = found.take(came_off).eliminated
-        unit, was = told[4], self.step[own]
-        longer = np.linalg.norm(step / unit, axis=1) / np.maximum(np.linalg.norm(was / unit, axis=1), EPSILON)
-        self.x[own], self.p[own], self.square[own], self.gap[own] = x[came_off], p[came_off], square[came_off], gap[came_off]
-        self.J[own], self.r[own] = J[came_off], r[came_off]
-        self.towards[own], self.by[own], self.step[own], self.covariance[own] = towards, by, step, planned.covariance
-        settled = (length <= SETTLED) & (gap[came_off] <= self.tolerance[own])
-        self.outcome.status[own[settled]] = Status.CONVERGED
-        free = (self.part[own] == 1) | self.restoring[own]
-        self.part[own] = np.where(free, 1.0, np.minimum(1.0, 2 * self.part[own] / np.maximum(longer, EPSILON)))
-        self._shorten(chosen[~came_off])
-        self.shortened[own] = 0
-        go_on = np.zeros(self.count, dtype=bool)
-        go_on[chosen] = True
-        go_on[own[settled]] = False
-        self._rest(own[~settled], go_on)
-        self._restore(chosen[~came_off], go_on)
-        return go_on
-
-    def _shorten(self, own: NDArray[np.intp]) -> None:
-        """Half as far, and no farther than what the priors make likely: where rods buckle, the first step may lead far beyond."""
-        gone = self.part[own] * np.linalg.norm(
-            self.step[own] / deviations(self.prior[own]), axis=1
-        )  # none where nothing is known
-        likely = np.where(self.restoring[own], 1.0, LIKELY / np.maximum(gone, LIKELY))
-        self.part[own] *= np.minimum(0.5, likely)
-        self.shortened[own] += 1
-
-    def _rest(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
-        """Those that are at an equilibrium now go on from there, or from the last one, where (1) was less."""
-        own = own[self.gap[own] <= self.tolerance[own]]
-        worse = self.restoring[own] & self.based[own] & ~(self.square[own] < self.base["square"][own])
-        self._go_back(own[worse], go_on)
-        own = own[~worse]
-        self.part[own] = np.where(self.restoring[own], 1.0, self.part[own])
-        self.restoring[own], self.based[own], self.base_part[own] = False, True, self.part[own]
-        self.returned[own] = 0
-        for name, values in self.base.items():
-            values[own] = getattr(self, name)[own]
-
-    def _restore(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
-        """Those whose step did not come off, however short: where it began at no equilibrium, that is sought, ``p`` as it is."""
-        short = own[self.shortened[own] > HALVINGS]
-        sought = ~self.restoring[short] & (self.gap[short] > self.tolerance[short]) & np.isfinite(self.gap[short])
-        self.restoring[short[sought]], self.part[short[sought]], self.shortened[short[sought]] = True, 1.0, 0
-        short = short[~sought]
-        back = self.restoring[short] & self.based[short]
-        go_on[short[~back]] = False
-        self._go_back(short[back], go_on)
-
-    def _go_back(self, own: NDArray[np.intp], go_on: NDArray[np.bool_]) -> None:
-        """To the last equilibrium, from which the next step is a quarter as long as the last was."""
-        for name, values in self.base.items():
-            getattr(self, name)[own] = values[own]
-        self.base_part[own] /= 4
-        self.returned[own] += 2
-        self.part[own], self.restoring[own], self.shortened[own] = self.base_part[own], False, 0
-        go_on[own] = self.returned[own] <= HALVINGS
-
-
 def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
     """The estimate of all instances from its parts."""
     first, shape = pieces[0], scene.batch_shape
@@ -559,18 +338,6 @@ def _refuse_more(priors: Mapping[str, Prior], inputs: Inputs, rows: int) -> None
             Described(f"{sum(flat.values())} numbers without a prior ({names})"),
             f"must be at most as many as are measured, {rows}: the others are unobservable; give them priors, or measure more",
         )
-
-
-def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
-    """(b, k, k) of blocks of each."""
-    size = sum(block.shape[-1] for block in blocks)
-    result = np.zeros((len(blocks[0]), size, size))
-    first = 0
-    for block in blocks:
-        last = first + block.shape[-1]
-        result[:, first:last, first:last] = block
-        first = last
-    return result
 
 
 def _numbers(values: FloatArray) -> str:

@@ -1,42 +1,31 @@
 """Inputs behind measurements, one sample at a time, by one integration each. Numbers in parentheses: ``docs/estimation.md``."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from threading import Lock
-from typing import Any, Generic, Unpack
+from typing import Generic, Unpack
 
 import numpy as np
-import warp as wp
-from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot_co
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
-from multirod.kernels.shared import Shared
-from multirod.launch import expect, record
 from multirod.models.assemblies.inputs import KnownInputs
-from multirod.problem import BoundaryProblem
 from multirod.results.solution import Solution
 from multirod.running.tracker import Tracker
-from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
-from multirod.status import Status, failures
-from multirod.tasks.condensed import condensed
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.estimate import Estimate, Known, Part, at_means, block_diagonal, remarked
-from multirod.tasks.estimating.filter_kernels import Filter, make_filter
-from multirod.tasks.estimating.inference import Posterior, deviations, roots
+from multirod.tasks.estimating.estimate import Estimate, at_means, remarked
+from multirod.tasks.estimating.filtering import FIRST, FilterSolver
+from multirod.tasks.estimating.iteration import Known, block_diagonal
 from multirod.tasks.estimating.priors import Prior, Walk
-from multirod.tasks.formulation import freed, input_units, options, places_of
+from multirod.tasks.formulation import freed, options, places_of
 from multirod.tasks.limits import known_rows
-from multirod.tasks.measuring.curvature import Curvature, Places
+from multirod.tasks.measuring.curvature import Places
 from multirod.tasks.measuring.sensors import Live, Sensor, batch_of, checked
-from multirod.tasks.watch import Watch
-from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, device_name, frozen, instance, positive_float, refuse
+from multirod.validation import Described, device_name, instance, positive_float, refuse
 
 
 class Estimator(Uncopied, Generic[Robot_co]):
@@ -96,7 +85,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         known = Known(robot, given, starts, parts, places, whole, Shooting(integrator=method), device, FIRST, guess)
         self._bounds = Bounds(*known_rows(robot, None, names)[:2])
         live = Live(parts, places, whole, device)
-        self._filter = _Filter(known, live, walked, block_diagonal(begin), passed, self._bounds)
+        self._filter = FilterSolver(known, live, walked, block_diagonal(begin), passed, self._bounds)
         self._filter.present = self._present
         self._robot, self._places = robot, places_of(given, names)
         self._whole, self._dt = whole, step
@@ -169,257 +158,16 @@ class Estimator(Uncopied, Generic[Robot_co]):
             self._lock.release()
 
 
-FIRST = 30  # iterations of the first sample
-
-
 class _Tracker(Tracker[Robot_co]):
     """A tracker whose solver frees inputs."""
 
-    def __init__(self, robot: Robot_co, solver: "_Filter", dt: float, inputs: Inputs, device: str) -> None:
+    def __init__(self, robot: Robot_co, solver: "FilterSolver", dt: float, inputs: Inputs, device: str) -> None:
         self._options = options(robot, solver.names)
         super().__init__(robot, solver=solver, dt=dt, inputs=inputs, device=device)
 
     def present(self) -> Inputs:
         """The inputs, from within a step."""
         return self._present()
-
-
-class _Filter(Solver):
-    """The solver that a tracker steps; what it knows outlives the problem, which is made anew where another load comes in.
-
-    Attributes:
-        state: What kernels and NumPy share, by the names of ``filter_kernels``; what NumPy has of it are attributes too.
-        unknowns: Of the boundary problem, shape (b, n).
-        sound: Whether all instances go on from their last sample; the others are estimated by themselves.
-        rejected: Whether what each sensor says now was left out as an outlier, shape (b, sensor_count).
-        counted: Rows that were not, and are not missing, shape (b,).
-    """
-
-    def __init__(
-        self, known: Known, live: Live, walked: FloatArray, start: FloatArray, gate: float | None, bounds: Bounds
-    ) -> None:
-        self.known, self.live, self.start, self.bounds = known, live, start, bounds
-        self.names = tuple(known.priors)
-        self.integrator = known.solver.integrator
-        self.pose_sensitivities = True
-        self.present: Any = None
-        count, k = start.shape[:2]
-        sizes = dict.fromkeys(("walked", "covariance", "free"), (k, k)) | {"mean": (k,), "square": (), "sign": ()}
-        self.state = {name: Shared((count, *shape), wp.float64, known.device) for name, shape in sizes.items()}
-        self.state |= {name: Shared((count,), wp.int32, known.device) for name in ("begun", "status", "doubt")}
-        for name, values in {"walked": walked, "covariance": start, "free": start}.items():
-            self.state[name].values[:] = values
-        self.mean, self.covariance, self.free, self.square, self.sign, self.begun, self.status = (
-            self.state[name].values for name in ("mean", "covariance", "free", "square", "sign", "begun", "status")
-        )
-        self.unknowns = np.zeros((count, 0))
-        self.sound = False
-        self.once: Any = frozen(np.ones(count, dtype=np.int32))
-        self._none_rejected = np.zeros(live.missing.shape, dtype=bool)
-        self.state["rejected"] = Shared(live.missing.shape, wp.int32, known.device)
-        self.most = None if gate is None else _largest_squares(live.known.shape[1], gate)
-        self.let_through()
-        expect(make_filter, known.device)
-
-    def let_through(self) -> None:
-        """All that is measured, until it is looked at."""
-        self.rejected, self.counted = self._none_rejected, self.live.counted
-
-    def leave_out(self) -> None:
-        """(15) What the last sample found to be outliers."""
-        rejected = self.state["rejected"].values != 0
-        if not rejected.any():
-            return
-        kept = self.live.known.copy()
-        for j, rows in enumerate(self.live.slices):
-            kept[:, rows] &= ~rejected[:, j, None]
-        self.rejected, self.counted = rejected, kept.sum(axis=1)
-
-    def outliers(self) -> tuple[str, ...]:
-        """What of the first instance was left out, in words."""
-        if self.rejected is self._none_rejected:
-            return ()
-        return tuple(f"sensor {k}, an outlier" for k in np.flatnonzero(self.rejected[0]))
-
-    def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        return Shooting(integrator=self.integrator).solve(problem, guess)
-
-    def track(self, problem: BoundaryProblem, dt: float) -> "_FilterTrack":
-        return _FilterTrack(self, problem)
-
-
-class _FilterTrack(Track):
-    """The filter on the buffers of one problem."""
-
-    def __init__(self, known: _Filter, problem: BoundaryProblem) -> None:
-        self.known, self.problem = known, problem
-        live = known.live
-        self.task = live.task(problem, known.names)
-        count, n, k, m = problem.instance_count, problem.unknown_count, self.task.count, live.known.shape[1]
-        if known.unknowns.shape[1] != n:
-            # what else is compiled in has other unknowns: as at the first sample
-            known.unknowns, known.begun[:], known.sound = np.zeros((count, n)), 0, False
-        state: Any = Filter()
-        state.task, self._columns = condensed(self.task)
-        shared = known.state | live.poses | {"known": live.there}
-        apart = not wp.get_device(problem.device).is_cpu
-        self._sent, self._fetched = (list(each.values()) if apart else [] for each in (shared, known.state))
-        bent = [(k, sensor) for k, sensor in enumerate(live.sensors) if isinstance(sensor, Curvature)]
-        self._told = Shared((count, m, 1 + n + k) if bent else (1, 1, 1), wp.float64, problem.device)
-        self._bent = [
-            (index, self._told.values[:, live.slices[index]].reshape(count, len(sensor.at), sensor.components, -1))
-            for index, sensor in bent
-        ]
-        for name, each in (shared | {"told": self._told}).items():
-            setattr(state, name, each.array)
-        room = {"r": (m,), "J": (m, k), "normal": (k, 1 + k), "system": (k, k), "sides": (k, 1 + k), "unknowns": (n,)}
-        for name, shape in room.items():
-            setattr(state, name, wp.zeros((count, *shape), dtype=wp.float64, device=problem.device))
-        firsts = [own.start for own in live.slices]
-        state.kind = wp.array(np.array(live.kinds, dtype=np.int32), dtype=wp.vec3i, device=problem.device)
-        state.row = wp.array(np.array(firsts, dtype=np.int32), dtype=wp.int32, device=problem.device)
-        weights = [live.weights[i] if any(kind) else (1.0, 1.0) for i, kind in enumerate(live.kinds)]
-        state.weight = wp.array(np.array(weights), dtype=wp.vec2d, device=problem.device)
-        state.gated = int(known.most is not None)
-        state.most = wp.array(np.zeros(1) if known.most is None else known.most, dtype=wp.float64, device=problem.device)
-        self._watch = Watch(problem)
-        state.watched = self._watch.state
-        units = {"curvature": problem.curvature_scale(), "unit": input_units(known.known.robot, known.names)}
-        for name, values in units.items():
-            setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
-        self._state = state  # whose arrays the launch works in
-        self._launch = record(make_filter, count, [state], problem.device)
-        self._placed = False
-
-    def step(self) -> Outcome:
-        """What has begun goes on; what has not, or was lost, is estimated by itself."""
-        known = self.known
-        fresh = known.begun == 0
-        known.let_through()
-        outcome = self._go_on() if known.sound or known.begun.any() else Outcome.zeros(len(fresh))
-        if not known.sound:
-            self._begin(np.flatnonzero(fresh), outcome)
-            known.sound = bool(known.begun.all())
-        return outcome
-
-    def _go_on(self) -> Outcome:
-        """(10) to (12), (15): one integration at what is expected, and the step that the measurements ask for."""
-        known, problem = self.known, self.problem
-        with problem.alone:
-            if not self._placed:
-                self.task.write(known.unknowns, known.mean)
-                self._placed = True
-            self.task.integrate()
-            self._tell()
-            for shared in self._sent:
-                shared.send()
-            mean, covariance = known.mean.copy(), known.covariance.copy()
-            self._launch.launch()
-            for shared in self._fetched:
-                shared.fetch()
-            self._keep_within(mean)
-            spent = known.once
-            if known.state["doubt"].values.any():
-                spent = spent.copy()
-                self._look(spent, mean, covariance)
-        known.unknowns = problem.read("unknowns")
-        if known.most is not None:
-            known.leave_out()
-        if not known.sound:  # what begins anew says otherwise
-            return Outcome(known.status.copy(), known.once.copy(), spent.copy())
-        known.sound = bool(known.begun.all())
-        return Outcome(known.status.copy(), known.once, spent)
-
-    def _keep_within(self, before: FloatArray) -> None:
-        """(11) What an update leads beyond a limit, from ``before`` (b, k), ends at the most probable mean within the limits."""
-        known, problem = self.known, self.problem
-        step = known.mean - before
-        out = known.bounds.leading_out(step, before)
-        if not len(out):
-            return
-        covariance, step, before = known.covariance[out], step[out], before[out]
-        count, k = step.shape
-        free = Posterior(step, covariance, np.zeros(count))
-        told = np.zeros((count, 0, k)), np.zeros((count, 0)), roots(covariance), -step, deviations(covariance)
-        kept = known.bounds.kept(before + known.bounds.step(free, before, told)[0], before)
-        unknowns = problem.read("unknowns")
-        shift = self._state.task.shift.numpy()[out, :, 1:]
-        unknowns[out] += (shift @ (kept - known.mean[out])[..., None])[..., 0]
-        known.mean[out] = kept
-        self.task.write(unknowns, known.mean)
-
-    def _look(self, spent: NDArray[np.int32], mean: FloatArray, covariance: FloatArray) -> None:
-        """(17) of docs/tasks.md: whether samples are stable that may not be; one that is not is lost, and what was estimated
-        before is kept."""
-        known, problem, watch = self.known, self.problem, self._watch
-        doubt = known.state["doubt"].values
-        rows = np.flatnonzero(doubt == NEXT)
-        if len(rows):
-            watch.keep(rows, watch.gamma()[rows])
-        rows = np.flatnonzero(doubt == LOOK)
-        if not len(rows):
-            return
-        with problem.only(doubt == LOOK):
-            self.task.integrate()
-        spent[rows] += 1
-        gamma = watch.gamma()
-        stable = watch.near(rows, gamma[rows])
-        if not stable.all():
-            stable[~stable] = ~watch.unstable(rows[~stable])
-        watch.keep(rows[stable], gamma[rows[stable]])
-        lost = rows[~stable]
-        if not len(lost):
-            return
-        known.status[lost], known.begun[lost], known.square[lost] = Status.UNSTABLE, 0, np.nan
-        known.mean[lost] = mean[lost]
-        known.covariance[lost] = covariance[lost] + known.state["walked"].values[lost]
-        self.task.write(problem.read("unknowns"), known.mean)
-
-    def _tell(self) -> None:
-        """Rows that kernels do not know of; columns that they do not find."""
-        self._columns.update()
-        if not self._bent:
-            return
-        curvature, columns = self.task.sensed()
-        for index, told in self._bent:
-            rows: Any = self.known.live.rows[index]
-            rows.put(curvature, columns, told)
-        self._told.send()
-
-    def _begin(self, chosen: NDArray[np.intp], outcome: Outcome) -> None:
-        """The first sample of some instances, estimated by itself; the next is the first again where it fails."""
-        if not len(chosen):
-            return
-        known, scene = self.known, self.known.known
-        every = len(chosen) == len(known.begun)
-        now = replace(scene, inputs=at_means(scene.robot, known.present(), scene.priors, scene.batch_shape))
-        measured = known.live if every else known.live.take(chosen)
-        part = Part(now, slice(None) if every else chosen, None if every else chosen, measured)
-        part.run()
-        ended = part.outcome
-        known.mean[chosen], known.covariance[chosen], known.square[chosen] = part.p, part.covariance, part.square
-        known.unknowns[chosen], known.free[chosen] = part.x, known.start[chosen]
-        known.begun[chosen] = ~failures(ended.status)
-        self.task.evaluate(known.unknowns, known.mean, np.isin(np.arange(len(known.begun)), chosen))
-        gamma = self.problem.read("gamma")[chosen].reshape(len(chosen), *2 * (part.x.shape[1],))
-        known.sign[chosen] = _signs(gamma)
-        begun = known.begun[chosen] != 0
-        self._watch.keep(chosen[begun], gamma[begun])
-        outcome.status[chosen], outcome.iterations[chosen] = ended.status, ended.iterations
-        outcome.integrations[chosen] = ended.integrations + 1
-
-
-def _largest_squares(count: int, gate: float) -> FloatArray:
-    """(15) What the squares of 0 to ``count`` rows are at most, by the chi-square distribution; of none, anything."""
-    from scipy.special import gammaincinv
-
-    return np.concatenate([[np.inf], 2 * gammaincinv(0.5 * np.arange(1, count + 1), gate)])
-
-
-def _signs(gamma: FloatArray) -> FloatArray:
-    """Of the determinant of each matrix, shape (b,)."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.linalg.slogdet(gamma)[0])
 
 
 def _walks(robot: Assembly, unknown: object) -> dict[str, Walk]:

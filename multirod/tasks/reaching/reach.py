@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from math import prod
-from threading import Event, Lock
+from threading import Event
 from typing import Any, get_args
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
-from multirod.batch import IntArray, broadcast_shapes, parts, run, take, thread_count
+from multirod.batch import broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
 from multirod.results.scene import Scene
@@ -20,12 +19,12 @@ from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
-from multirod.status import Status, failures
-from multirod.tasks.formulation import Task, freed, with_values
-from multirod.tasks.limits import LimitRows, Limits, freed_labels, known_rows, middle, nearest, refuse_start, told
+from multirod.status import failures
+from multirod.tasks.formulation import freed, with_values
+from multirod.tasks.limits import Limits, freed_labels, known_rows, middle, refuse_start, told
 from multirod.tasks.reaching.drive import expect_search
-from multirod.tasks.reaching.redundancy import steadied
-from multirod.tasks.reaching.search import Goals, Place, Prefer, Search
+from multirod.tasks.reaching.search import Prefer, Search
+from multirod.tasks.reaching.trying import Work, search_part
 from multirod.tasks.rows import Pose
 from multirod.types import Index
 from multirod.validation import (
@@ -42,7 +41,6 @@ from multirod.validation import (
 
 TOLERANCE = 1e-6  # of a target [1/m]: 0.16 um and 0.4 urad of 0.4 m
 MAX_INTEGRATIONS = 300
-TRIES = 32  # starts that a target is sought from, the nearest of all
 
 
 class Reached(Solution[Robot_co]):
@@ -91,43 +89,6 @@ class Reached(Solution[Robot_co]):
         result.target_error, result.target_angle = frozen(self.target_error[chosen]), frozen(self.target_angle[chosen])
         result.at_limit = frozen(self.at_limit[chosen])
         return result
-
-
-@dataclass
-class _Work:
-    """What the parts of a batch have in common."""
-
-    robot: Assembly
-    target: Pose
-    inputs: Inputs
-    free: tuple[str, ...]
-    limits: LimitRows
-    of_shape: Limits | None
-    unit: FloatArray
-    options: dict[str, Any]
-    centre: FloatArray | None
-    prefer: Prefer
-    starts: int
-    method: Solver
-    tolerance: float
-    max_integrations: int
-    device: str
-    batch_shape: tuple[int, ...]
-    unknowns: FloatArray
-    lock: Lock = field(default_factory=Lock)
-    pool: "_Pool | None" = None
-
-
-@dataclass(frozen=True)
-class _Pool:
-    """Stable equilibria at scattered inputs: for all instances, or for each of some; axes (1 or instance, start, ...)."""
-
-    unknowns: FloatArray
-    values: FloatArray
-    position: FloatArray
-    rotation: FloatArray
-    usable: NDArray[np.bool_]
-    integrations: int
 
 
 def reach(
@@ -203,7 +164,7 @@ def reach(
     except ValueError:
         refuse("target", Described(f"leading axes {target.batch_shape}"), f"must broadcast with the inputs' {given.batch_shape}")
     rows, unit, problem_options = known_rows(robot, limits, free)
-    begin = np.concatenate([_spread(getattr(given, name), shape) for name in free], axis=-1)
+    begin = np.concatenate([_each(getattr(given, name), shape) for name in free], axis=-1)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
     centre = middle(rows) if prefer == "middle" else None
     if prefer == "smallest tension":
@@ -211,8 +172,8 @@ def reach(
     if centre is not None and np.isnan(centre).any():
         refuse("prefer", prefer, "needs limits on both sides of every freed input, which have a middle")
     first = solve(robot, given, solver=method, threads=threads, device=device, progress=False) if guess is None else guess
-    unknowns = _spread(first.unknowns, shape).reshape(-1, first.unknown_count)
-    work = _Work(
+    unknowns = _each(first.unknowns, shape).reshape(-1, first.unknown_count)
+    work = Work(
         robot=robot,
         target=target,
         inputs=given if shape == given.batch_shape and set(free) <= set(given.arrays) else with_values(given, free, begin),
@@ -249,12 +210,12 @@ def _slack(robot: Assembly, free: tuple[str, ...], begin: FloatArray) -> FloatAr
     return np.where(others, begin[0] if len(begin) else 0.0, 0.0)
 
 
-def _spread(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+def _each(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Rows (..., n) with these leading axes."""
     return values if values.shape[:-1] == shape else np.broadcast_to(values, (*shape, values.shape[-1]))
 
 
-def _run(work: _Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> Reached[Any]:
+def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> Reached[Any]:
     count, k = prod(work.batch_shape), len(work.unit)
     records: dict[str, Any] = {}
     outcome = Outcome(np.array(status), *np.zeros((2, count), dtype=np.int32))
@@ -270,7 +231,7 @@ def _run(work: _Work, status: NDArray[np.int32], spent: NDArray[np.int32], threa
                 made = borrowed(work.robot, work.inputs, **settings, **work.options)
                 problem: BoundaryProblem = held.enter_context(made)
                 problem.stop = stop
-            search = _search(work, problem, piece, numbers, status[piece])
+            search = search_part(work, problem, piece, numbers, status[piece])
             found, fields = problem.snapshot(), dict(problem.record_fields)
             with work.lock:
                 if "all" not in records:
@@ -303,119 +264,3 @@ def _errors(search: Search) -> FloatArray:
     if rows.count > begin:
         result[:, 1] = np.linalg.norm(search.errors[:, begin:] / rows.weight[1], axis=1)
     return result
-
-
-def _search(work: _Work, problem: BoundaryProblem, piece: slice, numbers: IntArray | None, status: NDArray[np.int32]) -> Search:
-    """All of one part of a batch."""
-    task, length = Task(problem, work.free), work.robot.longest
-    goals = Goals(
-        rows=work.target.rows(length, work.batch_shape, numbers),
-        limits=work.limits,
-        of_shape=work.of_shape,
-        unit=work.unit,
-        length=length,
-        tolerance=work.tolerance,
-        residual_tolerance=problem.tolerance(getattr(work.method, "tolerance", None)),
-        centre=work.centre,
-        max_integrations=work.max_integrations,
-    )
-    sound = ~failures(status)
-    x = np.where(sound[:, None], problem.adopt(work.unknowns[piece]), 0.0)
-    search = Search(task, goals, x, task.values())
-    within = sound.copy()
-    rows = np.flatnonzero(sound)
-    within[rows] = ~search.beyond(rows)
-    search.sought(within)
-    search.status[~sound], search.status[sound & ~within] = status[~sound], Status.OUT_OF_LIMITS
-    if work.starts:
-        _from_elsewhere(work, search, piece, sound)
-    if work.prefer == "stability":
-        steadied(search)
-    search.returned()
-    search.leave()
-    return search
-
-
-def _from_elsewhere(work: _Work, search: Search, piece: slice, sound: NDArray[np.bool_]) -> None:
-    """Try again from other starts, for each instance the nearest ones first."""
-    open_ = sound & (search.status != Status.REACHED)
-    if not open_.any():
-        return
-    pool = _pool(work, search, piece)
-    shared = len(pool.values) == 1
-    search.integrations[open_] += 0 if shared else pool.integrations
-    rows = np.flatnonzero(open_)
-    distance = np.full((len(open_), pool.values.shape[1]), np.inf)
-    for row in rows.tolist():
-        own = 0 if shared else row
-        goal = search.goals.rows.take(slice(row, row + 1))
-        away = np.linalg.norm(goal.errors(pool.position[own], pool.rotation[own])[0], axis=1)
-        distance[row] = np.where(pool.usable[own], away, np.inf)
-    order = np.argsort(distance, axis=1)
-    for attempt in range(min(TRIES, order.shape[1])):
-        rows = np.flatnonzero(open_)
-        taken = order[rows, attempt]
-        usable = np.isfinite(distance[rows, taken])
-        rows, taken = rows[usable], taken[usable]
-        if not len(rows):
-            return
-        place = np.zeros(len(rows), dtype=np.intp) if shared else rows
-        search.begin(rows, Place(pool.unknowns[place, taken], pool.values[place, taken]))
-        chosen = np.zeros(len(open_), dtype=bool)
-        chosen[rows] = True
-        search.tried(chosen)
-        open_ &= search.status != Status.REACHED
-
-
-def _pool(work: _Work, search: Search, piece: slice) -> _Pool:
-    """Scattered starts; one pool for all instances that differ in nothing but their targets."""
-    others = [name for name in work.inputs.arrays if name not in work.free]
-    alike = not work.robot.batch_shape and all(work.inputs.array(name).ndim == 1 for name in others)
-    origin = search.origin
-    if not alike or np.ptp(origin, axis=0).any():
-        return _scattered(work, search, origin, np.arange(piece.start, piece.stop))
-    with work.lock:
-        if work.pool is None:
-            work.pool = _scattered(work, search, origin[:1], np.arange(piece.start, piece.start + 1))
-        return work.pool
-
-
-def _scattered(work: _Work, search: Search, origin: FloatArray, numbers: IntArray) -> _Pool:
-    """Equilibria at inputs that are scattered within the limits, around the start where there are none."""
-    random = np.random.default_rng(len(origin))
-    count, starts, k = len(origin), work.starts, origin.shape[1]
-    limits = work.limits
-    reach = np.where(work.unit == 1.0, np.pi, 2 * work.unit)
-    low, high = np.broadcast_to(origin - reach, (count, k)).copy(), np.broadcast_to(origin + reach, (count, k)).copy()
-    for row, least, most in zip(limits.matrix, limits.low, limits.high, strict=True):
-        own = np.flatnonzero(row)
-        if len(own) == 1:
-            low[:, own[0]] = np.maximum(low[:, own[0]], least) if np.isinf(least) or np.isinf(most) else least
-            high[:, own[0]] = np.minimum(high[:, own[0]], most) if np.isinf(least) or np.isinf(most) else most
-    wanted = low[:, None] + random.uniform(size=(count, starts, k)) * (high - low)[:, None]
-    begin = np.repeat(origin, starts, axis=0)
-    wanted = wanted.reshape(-1, k)
-    drawn = nearest(limits, wanted, work.unit)
-    # what was outside is drawn in from the border that it was put on
-    outside = (limits.outside(wanted, work.unit) > 0).any(axis=1, keepdims=True)
-    inwards = random.uniform(0.6, 1.0, size=(len(begin), 1)) ** outside
-    values = (begin + inwards * (drawn - begin)).reshape(count, starts, k)
-    arrays = {}
-    for name, given in work.inputs.arrays.items():
-        if name not in work.free:
-            other = take(given, work.batch_shape, numbers, tail=1)
-            arrays[name] = np.repeat(other[:, None], starts, axis=1)
-    robot, sides = work.robot, with_values(work.inputs.with_arrays(arrays), work.free, values)
-    if robot.batch_shape:
-        raise NotImplementedError("starts need a robot whose parameters have no leading axes")
-    found = solve(robot, sides, solver=work.method, device=work.device, threads=1, progress=False)
-    usable = ~found.failed & np.isin(found.stability, (0, 1))
-    adopted = search.task.problem.adopt(np.nan_to_num(found.unknowns.reshape(count * starts, -1)))
-    return _Pool(
-        adopted.reshape(count, starts, -1),
-        values,
-        np.nan_to_num(found.tip_position),
-        np.where(usable[..., None, None], found.tip_rotation, np.eye(3)),
-        usable,
-        int(found.integrations.sum() // count),
-    )

@@ -1,0 +1,170 @@
+# mypy: ignore-errors
+"""The step of a controller's sample, and its arrays. Numbers in parentheses: ``docs/tasks.md``."""
+
+import warp as wp
+
+from multirod.kernels.linear_algebra_kernels import eliminate
+from multirod.tasks.condensed_kernels import Condensed
+from multirod.tasks.programme_kernels import Programme, keep_limits, place_rows
+from multirod.tasks.watch_kernels import Watched
+
+f64 = wp.float64
+SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what moves the tip most is damped
+LONGEST = 0.3  # step of a sample, in units (9)
+NEAR = 1e-6  # of a target [1/m], within which a limit does not hold it back
+SHORT = 1e-3  # part of what is asked for that a step leaves over where nothing else holds it: the task is singular
+
+
+@wp.struct
+class Control:
+    """What a controller reads and writes; the first axis is the instance."""
+
+    task: Condensed
+    step: Programme
+    # constants
+    unit: wp.array[wp.float64]  # (9), (k,)
+    limits: wp.array2d[wp.float64]  # (10) G, (c, k); those of ``step`` are in units
+    low: wp.array[wp.float64]  # (10), (c,)
+    high: wp.array[wp.float64]
+    weight: wp.vec2d  # of positions, of angles
+    gain: wp.vec2d  # (15) of the offset, of its drift
+    kind: wp.vec3i  # whether there is a position, a rotation, an axis
+    # what is asked for and measured
+    position: wp.array[wp.vec3d]
+    rotation: wp.array[wp.mat33d]
+    axis: wp.array[wp.vec3d]
+    seen_position: wp.array[wp.vec3d]
+    seen_rotation: wp.array[wp.mat33d]
+    seen: wp.array2d[int]  # of each: 0 not measured, 1 measured, -1 missing
+    # kept from sample to sample
+    offset: wp.array2d[wp.vec3d]  # (15) of position and rotation
+    drift: wp.array2d[wp.vec3d]
+    tip_position: wp.array[wp.vec3d]  # of the model
+    tip_rotation: wp.array[wp.mat33d]
+    has_tip: wp.array[int]
+    last_kind: wp.array[wp.vec3i]  # none before the first sample
+    last_position: wp.array[wp.vec3d]
+    last_rotation: wp.array[wp.mat33d]
+    last_axis: wp.array[wp.vec3d]
+    motion: wp.array2d[wp.vec3d]  # (16) D
+    begun: wp.array[wp.float64]  # the sign of det Gamma at the start, 0 before
+    good_unknowns: wp.array2d[wp.float64]
+    good_values: wp.array2d[wp.float64]
+    watched: Watched
+    longest: wp.array[wp.float64]  # step of a sample, in units (9)
+    curvature: wp.float64  # scale of unknowns [1/m], whose steps are told by it, those of values in units (9)
+    foreseen: wp.array[wp.float64]  # the way to the sample's place from the last command, likewise
+    doubt: wp.array[int]  # what has to be done about the sample, as ``watch_kernels`` says
+    # of the sample before, for one that turns out not to be stable
+    before_unknowns: wp.array2d[wp.float64]
+    before_values: wp.array2d[wp.float64]
+    before_position: wp.array[wp.vec3d]
+    before_rotation: wp.array[wp.mat33d]
+    before_tip: wp.array[int]
+    # of the problem, and its copy for the sample
+    records: wp.array2d[wp.float64]
+    record: wp.array2d[wp.float64]
+    told: wp.array2d[wp.float64]
+    status: wp.array[int]
+    # room
+    rows: wp.array2d[wp.float64]  # r, (instance, m)
+    ahead: wp.array2d[wp.float64]  # by how much rows will be off in the next sample
+    values: wp.array2d[wp.float64]  # p, (instance, k)
+
+
+@wp.func(inline=False)
+def leaves_over(s: Control, t: int) -> bool:
+    """Whether the step does not meet all rows."""
+    asked = f64(0.0)
+    short = f64(0.0)
+    for i in range(s.step.J.shape[1]):
+        left = s.step.r[t, i]
+        asked = wp.max(asked, wp.abs(left))
+        for j in range(s.step.J.shape[2]):
+            left += s.step.J[t, i, j] * s.step.sides[t, j, 0]
+        short = wp.max(short, wp.abs(left))
+    return short > f64(wp.static(SHORT)) * asked
+
+
+@wp.func(inline=False)
+def solve_rows(s: Control, t: int):
+    """(8) Without limits, for this sample's rows and the next one's."""
+    m = s.step.J.shape[1]
+    k = s.step.J.shape[2]
+    place_rows(s.step, s.step.system, t)
+    for j in range(k):
+        for side in range(2):
+            s.step.sides[t, j, side] = f64(0.0)
+    for i in range(m):
+        s.step.sides[t, k + i, 0] = -s.step.r[t, i]
+        s.step.sides[t, k + i, 1] = -s.ahead[t, i]
+    eliminate(s.step.system, s.step.sides, t)
+
+
+@wp.func(inline=False)
+def factor(s: Control, t: int):
+    """(8) The steps of this sample and of the next one where no limit holds, into columns of ``sides``."""
+    m = s.step.J.shape[1]
+    k = s.step.J.shape[2]
+    largest = f64(1.0e-150)
+    for i in range(m):
+        s.rows[t, i] = s.step.r[t, i]
+        for j in range(k):
+            s.step.J[t, i, j] = s.step.J[t, i, j] * s.unit[j]
+            largest = wp.max(largest, wp.abs(s.step.J[t, i, j]))
+    s.step.softness[t] = f64(wp.static(SOFTNESS)) * largest * largest
+    solve_rows(s, t)
+    if leaves_over(s, t):
+        # what no step meets would be asked for at each sample, and add up along directions that move the tip next to nothing
+        for i in range(m):
+            for side in range(2):
+                met = f64(0.0)
+                for j in range(k):
+                    met += s.step.J[t, i, j] * s.step.sides[t, j, side]
+                if side == 0:
+                    s.step.r[t, i] = -met
+                else:
+                    s.ahead[t, i] = -met
+        solve_rows(s, t)
+
+
+@wp.func(inline=False)
+def bounded(s: Control, t: int, side: int):
+    """(7) The step of a sample into ``change``, within limits, and no longer than it may be."""
+    k = s.unit.shape[0]
+    for i in range(s.low.shape[0]):
+        at = f64(0.0)
+        for j in range(k):
+            at += s.limits[i, j] * s.values[t, j]
+        s.step.low[t, i] = wp.min(s.low[i] - at, f64(0.0))
+        s.step.high[t, i] = wp.max(s.high[i] - at, f64(0.0))
+    for j in range(k):
+        s.step.change[t, j] = s.step.sides[t, j, side]
+    keep_limits(s.step, t)
+    longest = f64(0.0)
+    for j in range(k):
+        longest = wp.max(longest, wp.abs(s.step.change[t, j]))
+    if longest > s.longest[t]:
+        for j in range(k):
+            s.step.change[t, j] = s.step.change[t, j] * (s.longest[t] / longest)
+
+
+@wp.func
+def place_start(s: Control, t: int, from_here: bool) -> f64:
+    """(2) Unknowns and values of the problem after ``change``; from the integration's on, ``a`` belongs to it. How far that
+    is, of unknowns in scales of curvature, of values in units (9)."""
+    k = s.unit.shape[0]
+    far = f64(0.0)
+    for i in range(s.task.unknowns.shape[1]):
+        x = s.task.unknowns[t, i]
+        if from_here:
+            x += s.task.shift[t, i, 0]
+        for j in range(k):
+            x += s.task.shift[t, i, 1 + j] * (s.unit[j] * s.step.change[t, j])
+        far = wp.max(far, wp.abs(x - s.task.unknowns[t, i]) / s.curvature)
+        s.task.unknowns[t, i] = x
+    for j in range(k):
+        far = wp.max(far, wp.abs(s.step.change[t, j]))
+        s.values[t, j] = s.values[t, j] + s.unit[j] * s.step.change[t, j]
+        s.task.inputs[t, s.task.places[j]] = s.values[t, j]
+    return far
