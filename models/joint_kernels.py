@@ -4,6 +4,7 @@
 import warp as wp
 
 from multirod.models.rotation_kernels import inverse_right_jacobian, rotation_vector, swing
+from multirod.rotations import AIMLESS, BACK, SIDEWAYS
 
 f64 = wp.float64
 
@@ -49,6 +50,9 @@ class Joint:
     by_turn: wp.mat33d  # (4)
     tilted: wp.vec3d  # (6) the axis as the tip carries it, attachment frame
     swing: wp.vec2d
+    back: int  # whether it is turned so far back that the angle is taken instead
+    angle: f64
+    about: wp.vec3d  # unit direction about which it is turned, attachment frame
     length: f64
     curvature: f64  # per moment
 
@@ -77,7 +81,16 @@ def joint_at(kind: int, axis: wp.vec3d, frame: wp.mat33d, tip: wp.mat33d, moment
         joint.across = wp.normalize(wp.cross(axis, other))
         joint.along = wp.cross(axis, joint.across)
         joint.tilted = mismatch * axis
-        joint.swing = swing(wp.dot(axis, joint.tilted))
+        cosine = wp.dot(axis, joint.tilted)
+        if cosine > f64(wp.static(BACK)):
+            joint.swing = swing(cosine)
+        else:
+            turned = wp.cross(axis, joint.tilted)
+            joint.back = 1
+            joint.angle = wp.atan2(wp.length(turned), cosine)
+            joint.about = joint.across
+            if wp.length(turned) > f64(wp.static(AIMLESS)):
+                joint.about = wp.normalize(turned)
     return joint
 
 
@@ -87,7 +100,9 @@ def joint_rows(joint: Joint) -> wp.vec3d:
     if joint.kind == wp.static(SPHERICAL):
         return joint.curvature * joint.moment
     if joint.kind == wp.static(REVOLUTE):
-        s = joint.swing[0] * wp.cross(joint.axis, joint.tilted)
+        s = joint.angle * joint.about
+        if joint.back == 0:
+            s = joint.swing[0] * wp.cross(joint.axis, joint.tilted)
         return wp.vec3d(
             wp.dot(joint.across, s) / joint.length,
             wp.dot(joint.along, s) / joint.length,
@@ -103,9 +118,17 @@ def joint_rows_variation(joint: Joint, tip_turn: wp.vec3d, turn: wp.vec3d, dm: w
     if joint.kind == wp.static(SPHERICAL):
         return joint.curvature * dM
     if joint.kind == wp.static(REVOLUTE):
-        tilt = wp.cross(wp.transpose(joint.frame) * (tip_turn - turn), joint.tilted)
-        s = joint.swing[0] * wp.cross(joint.axis, tilt)
-        s += (joint.swing[1] * wp.dot(joint.axis, tilt)) * wp.cross(joint.axis, joint.tilted)
+        by = wp.transpose(joint.frame) * (tip_turn - turn)
+        tilt = wp.cross(by, joint.tilted)
+        turned = wp.cross(joint.axis, joint.tilted)
+        s = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+        if joint.back == 0:
+            s = joint.swing[0] * wp.cross(joint.axis, tilt)
+            s += (joint.swing[1] * wp.dot(joint.axis, tilt)) * turned
+        else:
+            quotient = joint.angle / wp.max(wp.length(turned), f64(wp.static(SIDEWAYS)))
+            straight = (f64(1.0) - quotient * wp.dot(joint.axis, joint.tilted)) * wp.dot(joint.about, by)
+            s = quotient * wp.cross(joint.axis, tilt) + straight * joint.about
         return wp.vec3d(
             wp.dot(joint.across, s) / joint.length,
             wp.dot(joint.along, s) / joint.length,

@@ -5,6 +5,10 @@ import numpy as np
 from multirod.validation import FloatArray
 
 _SMALL = 1e-3  # angle below which quotients are series, right to rounding
+# of the angle between a direction and another, told by their product
+BACK = -0.5  # cosine below which it is not its quotient by the sine that is taken: at half a turn there is none
+AIMLESS = 1e-12  # sine below which no direction is the shorter way back, and one is taken
+SIDEWAYS = 1e-2  # least sine in derivatives by turns that do not lead back: others are not to be lost beside these
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 

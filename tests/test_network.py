@@ -94,7 +94,8 @@ def test_six_legs_are_parallel_rods(kind):
     np.testing.assert_allclose(columns[0], columns[1], rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.parametrize("count", [2, 4, 8])
+@pytest.mark.filterwarnings("ignore:.*bends .* degrees")  # so short pieces
+@pytest.mark.parametrize("count", [2, 4, 8, 64])
 def test_a_chain_is_one_rod(count):
     whole = mr.Rod(
         length=0.4, bending_stiffness=(0.2233, 0.3), torsional_stiffness=0.0638, precurvature=(4, 2, 1), linear_density=0.05
@@ -109,7 +110,7 @@ def test_a_chain_is_one_rod(count):
     single, robot = mr.SingleRod(whole), chain(piece, count)
     given = {"gravity": (0, 3.0, -9.81), "distributed_force": (0.5, 0.2, 0.1)}
     expected = mr.solve(single, single.inputs(tip_force=(0.8, 0.2, -0.5), **given), solver=FINE)
-    steps = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(400 // count))
+    steps = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(400 // count + 1))
     found = mr.solve(robot, robot.inputs(force={f"disc {count - 1}": (0.8, 0.2, -0.5)}, **given), solver=steps)
     np.testing.assert_allclose(found.tip_position, expected.tip_position, atol=1e-9)
     np.testing.assert_allclose(found.tip_rotation, expected.tip_rotation, atol=1e-9)
@@ -585,3 +586,33 @@ def test_drawn_networks_are_where_their_energy_has_them(seed):
     assert np.abs(errors[1]).max() < 0.01 * rods.rods[0]["length"]
     assert np.abs(4 * errors[1] - errors[0]).max() / 3 < 0.2 * np.abs(errors[1]).max()
     assert solution.stability in (mr.Stability.STABLE, mr.Stability.UNKNOWN)
+
+
+def test_a_ring_gives_way_as_curved_beams_do():
+    """Two halves between the ground and a body across: under a force there, in the plane and out of it, by Castigliano."""
+    radius, EI, GJ = 0.1, 0.02, 0.015
+    half = mr.Rod(length=np.pi * radius, bending_stiffness=EI, torsional_stiffness=GJ, precurvature=(0, 1 / radius, 0))
+    across = mr.Body("across")
+    joints = [mr.Joint("out", "base", to=mr.ground), mr.Joint("out", "tip", to=across)]
+    joints += [mr.Joint("back", "base", to=across), mr.Joint("back", "tip", to=mr.ground)]
+    ring = mr.Network(rods={"out": half, "back": half}, bodies=[across], joints=joints)
+    solution = mr.solve(ring, ring.inputs(), solver=FINE).raise_if_failed()
+    np.testing.assert_allclose(solution.tip_position, (2 * radius, 0, 0), atol=1e-10)
+    gives = np.diagonal(solution.jacobian("force"))[:3]
+    # x is across the ring, y out of its plane: there a half carries M = m cos a - R/2 sin a, T = m sin a - R/2 (1 - cos a)
+    m = radius / GJ / (np.pi / 2 * (1 / EI + 1 / GJ))
+    aside = 2 * radius * (np.pi * radius**2 / 8 / EI + (3 * np.pi * radius**2 / 8 - m * radius) / GJ)
+    np.testing.assert_allclose(gives[:2], [(np.pi / 4 - 2 / np.pi) * radius**3 / EI, aside], rtol=1e-8)
+
+
+def test_what_a_chain_takes_grows_with_its_rods():
+    """Numbers of the factors of ``Gamma``, which the time of an elimination goes by: as many for each rod."""
+    filled = []
+    for count in (8, 64):
+        robot = chain(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06, precurvature=(3, 1, 0)), count)
+        problem = robot.problem(robot.inputs(), integrator=RK4)
+        problem.write("unknowns", problem.guess())
+        problem.integrate()
+        factors = problem.elimination.factors(problem.numbers()[0])
+        filled.append((factors.L.nnz + factors.U.nnz) / count)
+    assert filled[1] == pytest.approx(filled[0], rel=0.2)

@@ -5,7 +5,7 @@ import warp as wp
 
 from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.models.rotation_kernels import inverse_right_jacobian, rotation_vector, swing
-from multirod.tasks.rows import AIMLESS, BACK, SIDEWAYS
+from multirod.rotations import AIMLESS, BACK, SIDEWAYS
 
 f64 = wp.float64
 

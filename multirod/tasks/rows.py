@@ -9,15 +9,12 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.assembly import is_rotation, not_turned
 from multirod.batch import Instances, IntArray, broadcast_shapes, take
-from multirod.rotations import cross, inverse_left_jacobian, vectors
+from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, refuse
 
 SMALLEST_AXIS = 1e-100  # whose square still is a number
-BACK = -0.5  # cosine below which (6) goes by the angle: at half a turn there is no quotient
-AIMLESS = 1e-12  # sine below which no direction is the shorter way back, and one is taken
-SIDEWAYS = 1e-2  # least sine in derivatives by turns that do not lead back: others are not to be lost beside these
 NEAR = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
 
 
