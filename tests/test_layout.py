@@ -30,11 +30,8 @@ LONGEST = 400  # lines of a file that a stranger reads at one sitting
 LONG = {
     "models/assemblies/network.py": "the assembly Network",
     "models/assemblies/parallel_rods.py": "the assembly ParallelRods, and what turns it around",
-    "models/backbone/kernels/equations/tip.py": "conditions at the tip",
-    "models/backbone/kernels/integration/grid.py": "nodes and ends of sections that steps end at",
-    "models/backbone/kernels/integration/integrate.py": "the kernel of an integration",
-    "models/backbone/kernels/members/tube_friction.py": "friction of lines in tubes",
-    "models/backbone/kernels/members/tubes.py": "lines in tubes",
+    "models/backbone/kernels/members/tube_friction.py": "friction of lines in tubes, one law in lanes",
+    "models/backbone/kernels/members/tubes.py": "the strain law of tubes with lines, in lanes",
     "models/backbone/problem.py": "the boundary problem of a backbone",
     "models/backbone/stability/condensing/form_kernels.py": "the kernel that condenses the second variation of a backbone",
     "models/held/held_kernels.py": "what holds the end of a rod, its kernels",

@@ -38,7 +38,7 @@ class Drag(mr.Load):
 
     @classmethod
     def size(cls, sizes):
-        return np.full(sizes.problem.instance_count, 1.0)
+        return sizes.largest(cls, "across") * sizes.furthest_end() ** 3 / sizes.least_stiffness
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:
@@ -106,7 +106,9 @@ class Spring(mr.Load):
 
     @classmethod
     def size(cls, sizes):
-        return np.full(sizes.problem.instance_count, 1.0)
+        by_springs = sizes.largest(cls, "stiffness") * sizes.largest(cls, "rest") * sizes.furthest_end() ** 3
+        by_keel = sizes.largest(cls, "keel") * sizes.furthest_end() ** 2
+        return (by_springs + by_keel) / sizes.least_stiffness
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:

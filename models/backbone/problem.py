@@ -7,7 +7,6 @@ lengths, stiffnesses and loads as numbers in ``sizes``.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import cached_property
 from typing import Any, TypedDict, TypeVar, Unpack
 
@@ -34,6 +33,7 @@ from multirod.models.backbone.kernels.loads.load import Load
 from multirod.models.backbone.members.driven import DrivenLines
 from multirod.models.backbone.nodes.node_passes import NodePasses
 from multirod.models.backbone.parts import BackboneParts
+from multirod.models.backbone.passes import shortcuts
 from multirod.models.backbone.passes.buffers import Buffers
 from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.models.backbone.passes.warp_types import Struct
@@ -46,12 +46,10 @@ from multirod.models.backbone.stability.conjugates import BackboneConjugates
 from multirod.models.backbone.stability.stability import BackboneStability
 from multirod.models.backbone.starts import BackboneStarts
 from multirod.models.backbone.terms import problem_features, takes
-from multirod.problem import FEW, BoundaryProblem
+from multirod.problem import BoundaryProblem
 from multirod.profile import DEGREE
 from multirod.rod import Rod, RodArrays, lower
 from multirod.validation import FloatArray
-
-POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -384,41 +382,13 @@ class BackboneProblem(BoundaryProblem):
         self.launch.set_dim(self.listed)
 
     def integrate_alike(self) -> bool:  # noqa: D102
-        shared = not (self.arrays.batch_shape or self.base.ndim > 2)
-        if self._host is None or self.instance_count <= FEW or not shared or self.derivatives.followed:
-            return False
-        loads = np.concatenate([np.arange(own.start, own.stop) for _, own in self.sizes.loads])
-        inputs = np.delete(self.read("inputs"), loads, axis=1)
-        unknowns, active = self.read("unknowns"), self.buffer("active")
-        if not active.all() or self.buffer("load_factor").any() or any((own != own[0]).any() for own in (inputs, unknowns)):
-            return False
-        with self.only(np.arange(self.instance_count) == 0):
-            self.integrate()
-        for name in ("residual", "gamma"):
-            self.write(name, self.read(name)[0])
-        for array in (self.fault, self.step_count):
-            array.fill_(int(array.numpy()[0]))
-        return True
+        return shortcuts.integrate_alike(self)
 
     @contextmanager
     def without_poses(self) -> Iterator[None]:
-        """As said, for many single rods at fixed steps, whose kernels round alike with and without the pose.
-
-        What finds the poses in the end carries no columns and costs half an integration, which is not counted.
-        """
-        f, alike = self.features, len(self.rods) == 1 and self.integrator.steps is not None
-        if not alike or not f.pose or f.pose_sensitivities or self.instance_count < POSES_APART:
+        """As said, for many single rods at fixed steps, whose kernels round alike with and without the pose."""
+        with shortcuts.without_poses(self, self._call):
             yield
-            return
-        whole = self.launch
-        self.launch = self.tool("without poses", lambda: self.lane_pass(replace(f, pose=False), self._call))
-        self.launch.set_dim(self.listed)
-        try:
-            yield
-        finally:
-            self.launch = whole
-        with self.everyone():
-            self.tool("poses", lambda: self.lane_pass(replace(f, directions=False), self._call, columns=(0, 0))).launch()
 
     def guess(self) -> FloatArray:  # noqa: D102
         return meaning.guess(self)

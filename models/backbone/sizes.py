@@ -7,6 +7,8 @@ import numpy as np
 
 from multirod.inputs import InputSpec
 from multirod.models.backbone.inputs import LOADS
+from multirod.models.backbone.kernels.layout.members import loads_in_material
+from multirod.models.backbone.kernels.loads.load import Load
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -101,6 +103,11 @@ class Sizes:
             size = np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
+
+    def largest(self, load: type[Load], name: str) -> FloatArray:
+        """The largest of a parameter of a load that depends on the configuration, of any rod, shape (instance_count,)."""
+        column = loads_in_material(self.problem.features)[load] + list(load.parameters).index(name)
+        return self.problem.each(np.abs(self.problem.arrays.material[..., column]).max(axis=(1, 2)))
 
     def acting(self, inputs: FloatArray) -> list[InputSpec]:
         """The loads that are not zero in all instances of ``inputs`` (instance_count, input_count)."""

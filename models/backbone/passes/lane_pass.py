@@ -7,7 +7,8 @@ import warp as wp
 
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.kernels.integration.integrate import SCALARS, make_kernel
+from multirod.models.backbone.kernels.integration.integrate import make_kernel
+from multirod.models.backbone.kernels.integration.walk import SCALARS
 from multirod.models.backbone.kernels.layout.arguments import LANE_SIZE, Call
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import Layout

@@ -10,38 +10,32 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone.kernels.equations.tip_pose import POSE_ROWS, make_tip_pose
 from multirod.models.backbone.kernels.instance import Instance, bending_stiffness, section_unit
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.layout.rows import InputOffsets
 from multirod.models.backbone.kernels.numbers.scalars import (
-    axes_rotation,
     body_rotation,
     rotate,
     rotate_inverse,
-    rotation_matrix,
     total_magnitude,
     turned_about_z,
 )
 
 f64 = wp.float64
-POSE_ROWS = 6  # of the residual of a held tip, before the torques
 
 
 def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> SimpleNamespace:
     """Functions that write what the tip says."""
     n, features = layout.n, layout.features
     State, Column = base.State, base.Column
-    s_, c_ = layout.state, layout.column
-    THETA_AT, TAU_AT, Q_AT, P_AT = s_["angles"], s_["torques"], s_["frame"], s_["position"]
-    ENERGY_AT, WORK_AT, DQ_AT, DP_AT = s_["energy"], s_["work"], c_["frame"], c_["position"]
-    FRAME, COLUMN_FRAME, POSE, POSE_COLUMNS = layout.FRAME, layout.COLUMN_FRAME, layout.POSE, features.pose_sensitivities
+    TAU_AT = layout.state["torques"]  # a column's stand alike
     TUBES, MEASURED, FIXED, HELD = layout.TUBES, features.measured, layout.FIXED, features.held
-    FIRST, CONCENTRIC = layout.FIRST, not layout.ECCENTRIC
+    MOMENT, TORQUES, FIRST, CONCENTRIC = layout.MOMENT, layout.TORQUES, layout.FIRST, not layout.ECCENTRIC
     # the torque of rod 1 stands for the moment about the axis of the frame, or that of the rod that ends at the tip
     SHARED = layout.TORQUES > 0 and CONCENTRIC
     FIRST_LACK = 0 if FIXED or not CONCENTRIC else 1  # the first rod whose torque is a residual of its own
-    MOMENT, TORQUES, NODES = layout.MOMENT, layout.TORQUES, layout.NODES
     FIRST_TORQUE = layout.unknowns.places["torques"].start - FIRST  # row of the residual, less the index of the rod
     FREE_FORCE, FOLLOWER_MOMENT = features.base_force_unknown and not features.held, features.follower_moment
     FIRST_FORCE = layout.unknowns.places["force"].start
@@ -50,48 +44,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
     load_vector, direction_vector = grid.load_vector, grid.direction_vector
     rod_end, section_from = grid.rod_end, grid.section_from
-
-    @wp.func
-    def frame(y: State) -> wp.vec4d:
-        """q; where nothing depends on the frame, that of no rotation."""
-        if wp.static(FRAME):
-            return wp.vec4d(y[Q_AT], y[Q_AT + 1], y[Q_AT + 2], y[Q_AT + 3])
-        return wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(1.0))
-
-    @wp.func
-    def frame_column(v: Column) -> wp.vec4d:
-        """dq"""
-        if wp.static(COLUMN_FRAME):
-            return wp.vec4d(v[DQ_AT], v[DQ_AT + 1], v[DQ_AT + 2], v[DQ_AT + 3])
-        return wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(0.0))
-
-    @wp.func
-    def moment_of(y: State) -> wp.vec3d:
-        """The moment as the state carries it."""
-        if wp.static(MOMENT):
-            return wp.vec3d(y[0], y[1], y[2])
-        return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-
-    @wp.func
-    def moment_column_of(v: Column) -> wp.vec3d:
-        if wp.static(MOMENT):
-            return wp.vec3d(v[0], v[1], v[2])
-        return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-
-    @wp.func
-    def body_moment(y: State) -> wp.vec3d:
-        """M"""
-        if wp.static(FIXED):  # (4b)
-            return rotate_inverse(frame(y), moment_of(y))
-        return moment_of(y)
-
-    @wp.func
-    def body_moment_column(y: State, v: Column) -> wp.vec3d:
-        """dM"""
-        if wp.static(FIXED):  # (18b)
-            q = frame(y)
-            return rotate_inverse(q, moment_column_of(v) + wp.cross(moment_of(y), axes_rotation(q, frame_column(v))))
-        return moment_column_of(v)
+    pose = make_tip_pose(layout, base)
+    moment_of, moment_column_of, frame, frame_column = pose.moment_of, pose.moment_column_of, pose.frame, pose.frame_column
+    body_moment, body_moment_column = pose.body_moment, pose.body_moment_column
 
     @wp.func
     def section_here(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int, s: f64) -> int:
@@ -441,86 +396,5 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                     write_entry(call, case, free_row(case, i), k, value)
         return total_magnitude(dm)
 
-    # ---- the pose ----
-
-    @wp.func
-    def tip_angle(case: wp.ref[Instance], y: State) -> f64:
-        """Angle of the rod that ends at the tip, from rod 1; of rods side by side it is the frame that ends there."""
-        angle = f64(0.0)
-        count = int(wp.static(n if CONCENTRIC else 0))
-        for i in range(1, count):
-            if i == case.longest:
-                angle = y[wp.static(THETA_AT) + i - 1]
-        return angle
-
-    @wp.func
-    def tip_angle_column(case: wp.ref[Instance], v: Column) -> f64:
-        """Its variation."""
-        angle = f64(0.0)
-        count = int(wp.static(n if CONCENTRIC else 0))
-        for i in range(1, count):
-            if i == case.longest:
-                angle = v[wp.static(THETA_AT) + i - 1]
-        return angle
-
-    @wp.func
-    def world_position(case: wp.ref[Instance], y: State) -> wp.vec3d:
-        """p, in the world."""
-        return case.base_position + case.base_rotation * wp.vec3d(y[P_AT], y[P_AT + 1], y[P_AT + 2])
-
-    @wp.func
-    def turn_column(case: wp.ref[Instance], y: State, v: Column) -> wp.vec3d:
-        """Rotation vector of the rod that ends at the tip, in the world."""
-        q = frame(y)
-        turn = body_rotation(q, frame_column(v)) + wp.vec3d(f64(0.0), f64(0.0), tip_angle_column(case, v))
-        return case.base_rotation * rotate(q, turn)
-
-    @wp.func(inline=False)
-    def write_pose(call: wp.ref[Call], case: wp.ref[Instance], y: State):
-        """Pose of the tip in the world, and the energy."""
-        t = case.index
-        if wp.static(POSE):
-            call.position[t] = world_position(case, y)
-            call.rotation[t] = case.base_rotation * rotation_matrix(frame(y)) * turned_about_z(tip_angle(case, y))
-        if wp.static(NODES):
-            if call.node_count > 0:
-                call.energy[t] = y[ENERGY_AT]
-                call.work[t] = y[WORK_AT]
-
-    @wp.func(inline=False)
-    def write_pose_column(call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, k: int):
-        """Column k of the pose, in the world."""
-        t = case.index
-        if wp.static(POSE_COLUMNS):
-            dp = case.base_rotation * wp.vec3d(v[DP_AT], v[DP_AT + 1], v[DP_AT + 2])
-            turn = turn_column(case, y, v)
-            for j in range(3):
-                call.pose_columns[t, j, k] = dp[j]
-                call.pose_columns[t, 3 + j, k] = turn[j]
-
-    @wp.func(inline=False)
-    def write_pose_and_angles(call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, k: int):
-        """The same, and where there is room below it how each rod turns against the frame; last, beside the columns, by how
-        much it is turned.
-        """
-        write_pose_column(call, case, y, v, k)
-        if call.pose_columns.shape[1] > POSE_ROWS:
-            last = call.pose_columns.shape[2] - 1
-            count = int(wp.static(features.turning_count))
-            for i in range(count):
-                call.pose_columns[case.index, POSE_ROWS + i, k] = v[wp.static(THETA_AT) + i]
-                call.pose_columns[case.index, POSE_ROWS + i, last] = y[wp.static(THETA_AT) + i]
-
-    return SimpleNamespace(
-        frame=frame,
-        frame_column=frame_column,
-        body_moment=body_moment,
-        body_moment_column=body_moment_column,
-        world_position=world_position,
-        turn_column=turn_column,
-        tip_angle_column=tip_angle_column,
-        write_tip=write_held if HELD else write_free,
-        write_tip_column=write_held_column if HELD else write_free_column,
-        write_pose=write_pose,
-        write_pose_column=write_pose_and_angles if TUBES and POSE_COLUMNS else write_pose_column,
-    )
+    write_tip, write_tip_column = (write_held, write_held_column) if HELD else (write_free, write_free_column)
+    return SimpleNamespace(**(vars(pose) | {"write_tip": write_tip, "write_tip_column": write_tip_column}))

@@ -14,7 +14,7 @@ import warp as wp
 
 from multirod.integrators import Tableau
 from multirod.models.backbone.kernels.instance import Instance
-from multirod.models.backbone.kernels.integration.integrate import make_carry, make_parts
+from multirod.models.backbone.kernels.integration.walk import make_carry, make_parts
 from multirod.models.backbone.kernels.layout.arguments import FAULT, OUTPUT, STOP, Call, RodTable
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import breakpoint_state

@@ -37,14 +37,13 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     # the last stages of some methods serve the error estimate only
     COLUMN_STAGES = max(i for i, weight in enumerate(tableau.b) if weight != 0.0) + 1
     ADAPTIVE = len(tableau.error) > 0
-    MOMENT, FORCE_STATE, FRAME, POSE = layout.MOMENT, layout.FORCE_STATE, layout.FRAME, layout.POSE
-    TORQUES, TURNING = layout.TORQUES, layout.features.turning_count
+    MOMENT, TORQUES = layout.MOMENT, layout.TORQUES
     s, steps, z = layout.state, layout.steps, layout.stretch
     # the moment, or what stands for it where several rods carry none together: their torques
     MOMENT_AT, MOMENT_SIZE = (s["moment"], 3) if MOMENT else (s["torques"], TORQUES)
-    UNIT_MOMENT, UNIT_FORCE, UNIT_LENGTH = z["unit_moment"], z["unit_force"], z["unit_length"]
-    WORLD_AT = s["world_force"]
-    N_AT, THETA_AT, TAU_AT, Q_AT, P_AT = s["force"], s["angles"], s["torques"], s["frame"], s["position"]
+    UNIT_LENGTH = z["unit_length"]
+    UNIT_OF = {"moment": z["unit_moment"], "force": z["unit_force"], "length": UNIT_LENGTH, "1": -1}
+    CONTROLLED_SLOTS = [slot for slot in s.slots if slot.controlled]
     X, LENGTH, SIZE, LEFT = steps["x"], steps["length"], steps["size"], steps["left"]
     ACTIVE, COUNT, REJECTED, LONGEST = steps["active"], steps["count"], steps["rejected"], steps["longest"]
     CONTROLLED = steps["controlled"]
@@ -71,24 +70,13 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     @wp.func
     def step_error(memory: memory_type, z: int, e: State, b: State, rtol: d, atol: d) -> Real:
         """Largest error of a step over what is allowed, of the state but not of its columns."""
-        moment = row(memory, z + wp.static(UNIT_MOMENT))
-        one = fill(d(1.0))
-        error = block_error(e, b, wp.static(MOMENT_AT), wp.static(MOMENT_SIZE), moment, rtol, atol)
-        if wp.static(FORCE_STATE):
-            unit = row(memory, z + wp.static(UNIT_FORCE))
-            error = largest(error, block_error(e, b, wp.static(N_AT), 3, unit, rtol, atol))
-        if wp.static(WORLD_AT >= 0):
-            unit = row(memory, z + wp.static(UNIT_FORCE))
-            error = largest(error, block_error(e, b, wp.static(WORLD_AT), 3, unit, rtol, atol))
-        if wp.static(TURNING > 0):
-            error = largest(error, block_error(e, b, wp.static(THETA_AT), wp.static(TURNING), one, rtol, atol))
-        if wp.static(MOMENT and TORQUES > 0):
-            error = largest(error, block_error(e, b, wp.static(TAU_AT), wp.static(TORQUES), moment, rtol, atol))
-        if wp.static(FRAME):
-            error = largest(error, block_error(e, b, wp.static(Q_AT), 4, one, rtol, atol))
-        if wp.static(POSE):
-            unit = row(memory, z + wp.static(UNIT_LENGTH))
-            error = largest(error, block_error(e, b, wp.static(P_AT), 3, unit, rtol, atol))
+        error = fill(d(0.0))
+        for j in range(wp.static(len(CONTROLLED_SLOTS))):
+            unit = fill(d(1.0))
+            if wp.static(UNIT_OF[CONTROLLED_SLOTS[j].unit] >= 0):
+                unit = row(memory, z + wp.static(UNIT_OF[CONTROLLED_SLOTS[j].unit]))
+            first = wp.static(layout.state[CONTROLLED_SLOTS[j].name])
+            error = largest(error, block_error(e, b, first, wp.static(CONTROLLED_SLOTS[j].size), unit, rtol, atol))
         total = fill(d(0.0))
         for j in range(wp.static(layout.state.size)):
             total = total + part(e, wp.static(j))

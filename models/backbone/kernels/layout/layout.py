@@ -129,19 +129,19 @@ class Layout:
         # an unknown base force, or a direction, makes n depend on it
         self.GIVEN_FORCE = f.force and not f.force_is_state and not self.WORLD_STATE and (f.directions or f.base_force_unknown)
         statics = [
-            Slot("moment", 3 * self.MOMENT, "moment"),
-            Slot("force", 3 * self.FORCE_STATE, "force"),
-            Slot("world_force", 3 * self.WORLD_STATE, "force"),  # n, which depends on the configuration
-            Slot("angles", f.turning_count),
-            Slot("torques", self.TORQUES, "moment"),
+            Slot("moment", 3 * self.MOMENT, "moment", controlled=True),
+            Slot("force", 3 * self.FORCE_STATE, "force", controlled=True),
+            Slot("world_force", 3 * self.WORLD_STATE, "force", controlled=True),  # n, which depends on the configuration
+            Slot("angles", f.turning_count, controlled=True),
+            Slot("torques", self.TORQUES, "moment", controlled=True),
             Slot("lengths", self.LENGTHS, "length"),  # what drives of members work on
             Slot("grips", f.grip_count),  # what friction leaves of each drive
         ]
         self.state = Record(
             [
                 *statics,
-                Slot("frame", 4 * self.FRAME),
-                Slot("position", 3 * self.POSE, "length"),
+                Slot("frame", 4 * self.FRAME, controlled=True),
+                Slot("position", 3 * self.POSE, "length", controlled=True),
                 Slot("energy", 1 * f.nodes, "moment"),
                 Slot("work", 1 * f.nodes, "moment"),
             ]

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Slot:
-    """One entry of a record: its name, how many numbers, and what they are counted in: "moment", "force", "length" or "1"."""
+    """One entry of a record: its name, how many numbers, what they are counted in ("moment", "force", "length" or "1"), and
+    whether their errors choose steps."""
 
     name: str
     size: int
     unit: str = "1"
+    controlled: bool = False
 
 
 class Record:

@@ -1,0 +1,57 @@
+"""Launches that take less where a batch allows it: of instances that are alike, and without poses until the end."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.models.backbone.passes.warp_types import Struct
+from multirod.problem import FEW
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.problem import BackboneProblem
+
+POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
+
+
+def integrate_alike(problem: "BackboneProblem") -> bool:
+    """Integrate one instance for all, where no load acts yet and nothing else tells them apart; False if that is not so."""
+    shared = not (problem.arrays.batch_shape or problem.base.ndim > 2)
+    if not problem.on_host or problem.instance_count <= FEW or not shared or problem.derivatives.followed:
+        return False
+    loads = np.concatenate([np.arange(own.start, own.stop) for _, own in problem.sizes.loads])
+    inputs = np.delete(problem.read("inputs"), loads, axis=1)
+    unknowns, active = problem.read("unknowns"), problem.buffer("active")
+    if not active.all() or problem.buffer("load_factor").any() or any((own != own[0]).any() for own in (inputs, unknowns)):
+        return False
+    with problem.only(np.arange(problem.instance_count) == 0):
+        problem.integrate()
+    for name in ("residual", "gamma"):
+        problem.write(name, problem.read(name)[0])
+    for array in (problem.fault, problem.step_count):
+        array.fill_(int(array.numpy()[0]))
+    return True
+
+
+@contextmanager
+def without_poses(problem: "BackboneProblem", call: Struct) -> Iterator[None]:
+    """Within it, launches leave the pose out, of many single rods at fixed steps, whose kernels round alike with it and without.
+
+    What finds the poses in the end carries no columns and costs half an integration, which is not counted. ``call`` are the
+    arguments of the problem's own launches.
+    """
+    f, alike = problem.features, len(problem.rods) == 1 and problem.integrator.steps is not None
+    if not alike or not f.pose or f.pose_sensitivities or problem.instance_count < POSES_APART:
+        yield
+        return
+    whole = problem.launch
+    problem.launch = problem.tool("without poses", lambda: problem.lane_pass(replace(f, pose=False), call))
+    problem.launch.set_dim(problem.listed)
+    try:
+        yield
+    finally:
+        problem.launch = whole
+    with problem.everyone():
+        problem.tool("poses", lambda: problem.lane_pass(replace(f, directions=False), call, columns=(0, 0))).launch()
