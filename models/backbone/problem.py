@@ -28,7 +28,7 @@ from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
 from multirod.models.backbone.kernels.layout.members import drive_slices, drives
-from multirod.models.backbone.kernels.layout.rows import INPUT_VECTORS, DesignOffsets, input_size
+from multirod.models.backbone.kernels.layout.rows import INPUT_VECTORS, DesignOffsets, InputOffsets, input_size
 from multirod.models.backbone.kernels.loads.load import Load
 from multirod.models.backbone.members.driven import DrivenLines
 from multirod.models.backbone.nodes.node_passes import NodePasses
@@ -127,7 +127,7 @@ class BackboneProblem(BoundaryProblem):
         self.slots = unknowns_of(self.features)
         self.drives = drives(self.features.members)
         self.drive_count = len(self.drives)
-        self.first_drive = 2 * len(rods) + 3 * len(INPUT_VECTORS)  # of a row of inputs
+        self.first_drive = InputOffsets(len(rods)).DRIVES  # of a row of inputs
         self._slices: dict[str, slice] = {}  # what was asked for: a search asks again and again
         self._taken: dict[str, bool] = {}
         self._form_expected = False
@@ -344,14 +344,10 @@ class BackboneProblem(BoundaryProblem):
         return found
 
     def _slice_of(self, name: str) -> slice:
-        n = len(self.rods)
-        if name in ("rotation", "translation"):
-            start = 0 if name == "rotation" else n
-            return slice(start, start + n)
         if name in DRIVES:
             return drive_slices(self.drives, self.first_drive).get(name, slice(self.first_drive, self.first_drive))
-        start = 2 * n + 3 * INPUT_VECTORS.index(name)
-        return slice(start, start + 3)
+        start = InputOffsets(len(self.rods)).of(name)
+        return slice(start, start + (3 if name in INPUT_VECTORS else len(self.rods)))
 
     def aim(self, *names: str) -> None:
         """As said; what depends on inputs and unknowns is found at each integration."""

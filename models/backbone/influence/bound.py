@@ -10,10 +10,11 @@ import numpy as np
 
 from multirod.inputs import Inputs
 from multirod.models.backbone.influence.envelope import FORCES, FROM_BASE, NODES, TO_TIP, Envelope, envelopes
+from multirod.models.backbone.inputs import LOADS
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
-MOMENTS_PER_LENGTH = ("distributed_moment", "magnetic_field")
+MOMENTS_PER_LENGTH = tuple(spec.name for spec in LOADS if spec.acts == "along" and spec.load == "moment")
 ROUNDING = 1 + 1 / (2 * NODES**2)  # what the midpoint rule may lack
 WHOLE = np.full(NODES, 1 / NODES)  # integrates over the length
 ZERO = np.zeros(NODES)

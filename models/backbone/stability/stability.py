@@ -287,8 +287,8 @@ class BackboneStability(StabilityAnalysis):
         bounds = self.problem.found_for("mode_bounds", given, lambda: bound_modes(start, end, compliance, EI, kappa, force))
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
         bounds[~self.has_potential, 1] = np.inf
-        if (
-            self.problem.features.anisotropic or self.problem.features.loads
+        if self.problem.features.anisotropic or any(
+            load.moment for load in self.problem.features.loads
         ):  # they resist being turned against their neighbours even where all are straight
             bounds = np.maximum(bounds, (1.0, np.inf))
         return np.asarray(bounds)
@@ -299,7 +299,7 @@ class BackboneStability(StabilityAnalysis):
         length = self.problem.sizes.ends().max(axis=1)
         total = np.zeros(len(inputs))
         for spec in self.problem.sizes.acting(inputs):
-            if spec.name not in ("tip_force", "distributed_force", "gravity"):
+            if spec.load != "force" or spec.follows:
                 continue
             size = np.linalg.norm(inputs[:, self.problem.input_slice(spec.name)], axis=1)
             if spec.name == "gravity":

@@ -26,7 +26,7 @@ class InputOffsets:
         self.PROFILE_FACTOR = self.DRIVES + drive_count
 
     def of(self, name: str) -> int:
-        """Where a vector begins."""
+        """Where an input begins."""
         return int(getattr(self, name.upper()))
 
 
