@@ -10,7 +10,7 @@ from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Segments, placed
 from multirod.solver import Outcome, Solver, Track, knows
-from multirod.solvers.continuation.natural import ROUNDED_OFF, RUNAWAY
+from multirod.solvers.continuation.paths import ROUNDED_OFF, RUNAWAY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.segments.band import Systems
 from multirod.solvers.segments.loosened import Loosened

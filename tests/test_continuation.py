@@ -6,7 +6,7 @@ import warp as wp
 
 import multirod as mr
 from multirod.solvers.continuation.acceptance import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
-from multirod.solvers.continuation.natural import Paths
+from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.newton_kernels import NewtonState, make_iteration
 

@@ -35,18 +35,15 @@ LONG = {
     "models/backbone/problem.py": "the boundary problem of a backbone",
     "models/backbone/stability/condensing/form_kernels.py": "the kernel that condenses the second variation of a backbone",
     "models/held/held_kernels.py": "what holds the end of a rod, its kernels",
-    "models/held/problem.py": "the boundary problem of a held rod",
     "models/network/elements/element_kernels.py": "rods of a network, their kernels",
     "models/network/problem.py": "the boundary problem of a network",
     "models/platform/platform_kernels.py": "what a platform adds to its legs, its kernels",
     "models/platform/problem.py": "the boundary problem of legs on a platform",
     "multirod/problem/boundary.py": "the interface of a boundary problem",
     "solvers/continuation/continuation_kernels.py": "a step along a branch",
-    "solvers/continuation/natural.py": "the natural branch",
     "solvers/following/journey.py": "the way from where a branch ends",
     "solvers/newton/newton_kernels.py": "Newton's iteration",
     "solvers/segments/path.py": "a branch by multiple shooting",
-    "solvers/shooting.py": "the solver Shooting",
     "solvers/tracking/observer_kernels.py": "the observer's step",
 }
 

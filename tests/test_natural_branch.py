@@ -7,7 +7,8 @@ import pytest
 from benchmarks import natural_branch as study
 
 import multirod as mr
-from multirod.solvers.continuation.natural import Paths, natural_branch
+from multirod.solvers.continuation.natural import natural_branch
+from multirod.solvers.continuation.paths import Paths
 from multirod.status import Status
 
 SCENES = {"two tubes": 120, "two tubes, tip force": 60, "two tubes, weight": 30, "three tubes": 60, "three tubes, tip force": 40}

@@ -9,7 +9,7 @@ from multirod.models.backbone.nodes.node_passes import NodePasses
 from multirod.models.platform.guess import BeamEquilibrium, _joint_stiffness, fitted_platform
 from multirod.models.platform.problem import ParallelProblem
 from multirod.problem import BoundaryProblem
-from multirod.solvers.continuation.natural import SINGULAR, Paths
+from multirod.solvers.continuation.paths import SINGULAR, Paths
 
 ROD = mr.Rod(
     length=0.3, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.015, precurvature=(1.0, 0.4, 0), linear_density=0.05

@@ -9,7 +9,7 @@ import pytest
 
 import multirod as mr
 from multirod.solvers.newton.iteration import Newton
-from multirod.solvers.shooting import NewtonTrack
+from multirod.solvers.tracking.newton_track import NewtonTrack
 from multirod.studies import experiment
 from multirod.studies.scenes import load
 

@@ -17,7 +17,8 @@ from multirod.models.backbone.derivatives.designs import COMPONENTS, parameter_s
 from multirod.models.backbone.inputs import DRIVE_INPUTS, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
-from multirod.models.held.problem import END_INPUTS, POSE_INPUTS, ROD_INPUTS, TIP_SPECS, HeldProblem, Holders
+from multirod.models.held.holders import END_INPUTS, POSE_INPUTS, ROD_INPUTS, TIP_SPECS, Holders
+from multirod.models.held.problem import HeldProblem
 from multirod.models.joint_kernels import JOINTS
 from multirod.reuse import reusable
 from multirod.rod import Rod

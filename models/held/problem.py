@@ -1,140 +1,36 @@
 """A rod that is held at both ends: the boundary problem, its buffers and launches."""
 
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
-from multirod.batch import IntArray, take
-from multirod.capabilities import Lines, LineTest, Shapes
-from multirod.inputs import Inputs, InputSpec
+from multirod.batch import IntArray
+from multirod.capabilities import LineTest
+from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import record
-from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.derivatives.designs import COMPONENTS
-from multirod.models.backbone.equal_steps import PartsAtEqualSteps
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
-from multirod.models.backbone.problem import BackboneProblem
+from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
-from multirod.models.backbone.units import unit_stiffness
 from multirod.models.held import held_kernels as kernels
-from multirod.models.held.along import HeldSensing, by_own_unknowns, columns_along
+from multirod.models.held.along import HeldSensing, columns_along
+from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes
 from multirod.models.held.clamps import HeldClamps
-from multirod.models.held.segments import HeldSegments
+from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, Holders
+from multirod.models.held.segments import HeldBackbone, HeldSegments
 from multirod.models.held.stability import HeldStability
-from multirod.models.held.start import bent_rods
+from multirod.models.held.start import INTEGRATIONS_AT_REST, begin
 from multirod.models.held.starts import HeldStarts
-from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
-from multirod.problem import Block, BoundaryProblem, Shape
-from multirod.rod import RodArrays
-from multirod.rotations import left_jacobian, matrices, vectors
-from multirod.segments import Breakpoints, taken
+from multirod.models.held.table import alike, make_table
+from multirod.problem import Block, BoundaryProblem
+from multirod.rotations import left_jacobian, matrices
+from multirod.segments import Breakpoints
 from multirod.validation import FloatArray
 
-ROD_INPUTS = tuple(spec for spec in BACKBONE_INPUTS if spec.acts in ("base", "along"))  # what acts on the rod itself
-TIP_LOADS = ("tip_force", "tip_moment")
-POSE_INPUTS = ("end_position", "end_rotation")
-POSE_SIZE = 3 * len(POSE_INPUTS)
-TURNS = {REVOLUTE: 1, SPHERICAL: 3}  # that a joint leaves free
 TAUT = 1e-9  # of the length, by which rounding may have ends farther apart
-INTEGRATIONS_AT_REST = 3
-SETTLING = 4  # and more where a rod begins buckled
-REGULAR = 1e-7  # smallest singular value of Gamma at rest, from which the path begins there
-
-
-@dataclass(frozen=True)
-class Holders:
-    """What holds a rod at both ends, in numbers.
-
-    Attributes:
-        rod: The rod as a robot of its own, which has the base.
-        end: Pose of the end's holder in the world where its inputs are zero, shape (..., 4, 4).
-        joint: Kind of joint at the end.
-        axis: Of a revolute one, in its holder's frame, unit length.
-        slide: Direction in which the end slides, in its holder's frame, unit length; None if it does not.
-        base_joint: Kind of joint at the base.
-        base_axis: Of a revolute one, in the frame of the base, unit length.
-        arrays: The rod as kernels read it.
-        base: Pose of the base's holder in the world, shape (..., 4, 4).
-    """
-
-    rod: BackboneAssembly
-    end: FloatArray
-    joint: int
-    axis: FloatArray
-    slide: FloatArray | None
-    base_joint: int
-    base_axis: FloatArray
-    arrays: RodArrays
-    base: FloatArray
-
-    @property
-    def batch_shape(self) -> tuple[int, ...]:
-        """Leading axes of all of it."""
-        return np.broadcast_shapes(self.arrays.batch_shape, self.base.shape[:-2], self.end.shape[:-2])
-
-    def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Holders":
-        """Those of some instances of a batch to whose leading axes this broadcasts, along one axis."""
-        result = copy(self)
-        taken = {
-            "arrays": self.arrays.take(batch_shape, instances),
-            **{
-                name: take(value, batch_shape, instances, tail=2) if value.ndim > 2 else value
-                for name, value in (("base", self.base), ("end", self.end))
-            },
-        }
-        for name, value in taken.items():
-            object.__setattr__(result, name, value)
-        return result
-
-    @property
-    def guide(self) -> FloatArray:
-        """Two directions across the one in which the end slides, then that one, in its holder's frame, as columns."""
-        if self.slide is None:
-            return np.eye(3)
-        return np.concatenate([_across(self.slide), self.slide[:, None]], axis=1)
-
-    @property
-    def held_directions(self) -> FloatArray:
-        """Directions in which the end does not slide, in its holder's frame, as columns."""
-        return self.guide if self.slide is None else self.guide[:, :2]
-
-    @property
-    def base_axes(self) -> FloatArray:
-        """About which the base turns, in its frame, one a row."""
-        if self.base_joint == SPHERICAL:
-            return np.eye(3)
-        return self.base_axis[None] if self.base_joint == REVOLUTE else np.zeros((0, 3))
-
-    @property
-    def held_rotations(self) -> FloatArray:
-        """About which the end does not turn, in its holder's frame, as columns."""
-        if self.joint == SPHERICAL:
-            return np.zeros((3, 0))
-        return _across(self.axis) if self.joint == REVOLUTE else np.eye(3)
-
-
-def _across(axis: FloatArray) -> FloatArray:
-    """Two directions across one, as columns, that make a right-handed frame with it."""
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(axis, first)], axis=1)
-
-
-class HeldBackbone(BackboneProblem):
-    """The rod of a ``HeldProblem``, whose segments begin and end where that says."""
-
-    whole: "HeldProblem"
-
-    @cached_property
-    def cut(self) -> HeldSegments:
-        """Its segments, with what holds the ends."""
-        return HeldSegments(self.whole)
 
 
 class HeldProblem(BoundaryProblem):
@@ -188,7 +84,12 @@ class HeldProblem(BoundaryProblem):
         }
         self.rounding = self.rod.rounding
         self._natural: FloatArray | None = None
-        self.table = self._make_table(pieces)
+        base, end = (np.array(np.broadcast_to(own, (*shape, 4, 4)).reshape(-1, 4, 4)) for own in (holders.base, holders.end))
+        self.base_frame, self.end_position, self.end_frame = base[:, :3, :3], end[:, :3, 3], end[:, :3, :3]
+        self.length = np.array(self.rod.each(self.rod.arrays.end[:, 0, -1]))
+        self.stiffness = np.array(self.rod.each(self.rod.arrays.material[:, 0, 0, :2]).max(axis=1))
+        self.alike = alike(self)
+        self.table = make_table(self, pieces)
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
 
@@ -229,65 +130,6 @@ class HeldProblem(BoundaryProblem):
         result.whole = self
         return result
 
-    def _make_table(self, pieces: int) -> Any:
-        holders, rod, count, device = self.holders, self.rod, self.instance_count, self.device
-        held: Any = kernels.Held()
-        self.share(held)
-        held.unknown_count, held.rod_unknowns, held.turns = self.unknown_count, rod.unknown_count, self.turns
-        held.direction_count = self.direction_count
-        held.rod_inputs = rod.input_count - 1
-        held.along = rod.input_slice(kernels.ALONG[0]).start
-        held.tip_loads = rod.input_slice(TIP_LOADS[0]).start
-        held.pose = self.input_slice(POSE_INPUTS[0]).start
-
-        def array(values: Any, dtype: Any) -> Any:
-            kind = np.int32 if dtype is wp.int32 else np.float64
-            return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
-
-        def each(values: FloatArray, *tail: int) -> FloatArray:
-            return np.array(np.broadcast_to(values, (*self.batch_shape, *tail)).reshape(count, *tail))
-
-        base, end = each(holders.base, 4, 4), each(holders.end, 4, 4)
-        self.base_frame, self.end_position, self.end_frame = base[:, :3, :3], end[:, :3, 3], end[:, :3, :3]
-        held.base_frame = array(self.base_frame, wp.mat33d)
-        held.end_position, held.end_frame = array(self.end_position, wp.vec3d), array(self.end_frame, wp.mat33d)
-        held.rest_position, held.rest_turn = array(self.end_position, wp.vec3d), wp.zeros(count, dtype=wp.vec3d, device=device)
-        first = rod.each(rod.arrays.material[:, 0, 0])
-        self.length = np.array(rod.each(rod.arrays.end[:, 0, -1]))
-        self.stiffness = np.array(first[:, :2].max(axis=1))
-        held.length, held.stiffness = array(self.length, wp.float64), array(self.stiffness, wp.float64)
-        held.moment_unit = array(1 / unit_stiffness(first), wp.vec3d)
-        held.base_curvature = array(rod.each(rod.arrays.precurvature[:, 0, 0, :3]), wp.vec3d)
-        held.joint, held.axis = holders.joint, wp.vec3d(*holders.axis)
-        held.slides, held.guide = int(holders.slide is not None), wp.mat33d(*holders.guide.ravel())
-        held.base_axes = array(holders.base_axes.reshape(-1, 3), wp.vec3d)
-        held.opening = wp.zeros((count, self.unknown_count), dtype=wp.float64, device=device)
-        held.direct = wp.zeros(count, dtype=wp.int32, device=device)
-        self.alike = self._alike()
-        held.alike = array(self.alike, wp.int32)
-        held.neutral = wp.zeros(count, dtype=wp.int32, device=device)
-        held.clamped = int(pieces > 1)
-        for name in ("active", "load_factor", "directions", "fault", "step_count", "residual", "gamma", "residual_directions"):
-            setattr(held, f"rod_{name}", getattr(rod, name))
-        held.rod_unknowns_at, held.rod_inputs_at = rod.unknowns, rod.inputs
-        held.rod_position, held.rod_rotation, held.rod_pose_columns = rod.position, rod.rotation, rod.pose_columns
-        held.wrench, held.wrench_columns = rod.tip_wrench, rod.wrench_columns
-        held.base_position, held.base_rotation = rod.table.base_position, rod.table.base_rotation
-        return held
-
-    def _alike(self) -> NDArray[np.bool_]:
-        """(10) Whether nothing of the rod tells directions across its axis apart, shape (instance_count,)."""
-        arrays, features = self.rod.arrays, self.rod.features
-        material = arrays.material[:, 0]
-        free = self.turns or self.holders.joint == REVOLUTE or features.members or features.loads
-        if free or features.distributed_force or features.distributed_moment or features.profile_degree >= 0:
-            return np.zeros(self.instance_count, dtype=bool)
-        if self.holders.slide is not None and abs(self.holders.slide[2]) < 1 - kernels.ON_AXIS:
-            return np.zeros(self.instance_count, dtype=bool)
-        bent = arrays.precurvature.reshape(*arrays.precurvature.shape[:3], -1, 3)[..., :2].any(axis=(1, 2, 3, 4))
-        alike = (material[..., 0] == material[..., 1]).all(axis=1) & (material[..., 6] == material[..., 7]).all(axis=1)
-        return np.asarray(self.rod.each(alike & ~bent))
-
     def _record(self) -> list[Any]:
         """Launches of one evaluation, in order."""
         count = self.instance_count
@@ -304,11 +146,11 @@ class HeldProblem(BoundaryProblem):
         return HeldStability(self)
 
     @property
-    def shapes(self) -> "HeldShapes":  # noqa: D102
+    def shapes(self) -> HeldShapes:  # noqa: D102
         return HeldShapes(self)
 
     @property
-    def lines(self) -> "HeldLines":  # noqa: D102
+    def lines(self) -> HeldLines:  # noqa: D102
         return HeldLines(self)
 
     @property
@@ -325,7 +167,7 @@ class HeldProblem(BoundaryProblem):
         self.rod.breakpoints = points
 
     @property
-    def parts(self) -> "HeldParts":  # noqa: D102
+    def parts(self) -> HeldParts:  # noqa: D102
         return HeldParts(self)
 
     @cached_property
@@ -462,48 +304,13 @@ class HeldProblem(BoundaryProblem):
 
         What is left of the residual is remembered and closes as ``load_factor`` goes from 0 to 1, (3).
         """
-        x = np.zeros((self.instance_count, self.unknown_count))
-        records, buckled = self.snapshot(), np.zeros(self.instance_count, dtype=bool)
-        self.table.opening.zero_(), self.table.direct.zero_()
-        with self.everyone(), self.at_load(0.0):
-            self.evaluate(x)
-            position, rotation = self.rod.read("position"), self.rod.read("rotation").reshape(-1, 3, 3)
-            self.table.rest_position.assign(position)
-            self.table.rest_turn.assign(vectors(self.end_frame @ np.swapaxes(rotation, 1, 2)))
-            residual, gamma = self.evaluate(x)
-            least = _least_singular_value(gamma)
-            stuck = ~(least > REGULAR)
-            if stuck.any():
-                start = bent_rods(self, x)
-                x = np.where(stuck[:, None], start.unknowns, x)
-                self.table.direct.assign((stuck & start.direct).astype(np.int32))
-                buckled = stuck & start.buckled
-                self.table.rest_position.assign(np.where(buckled[:, None], start.end, position))
-                residual, gamma = self.evaluate(x)
-                if buckled.any():
-                    x, residual, gamma = self._settled(x, residual, gamma, buckled)
-                least = _least_singular_value(gamma)
-        self.guess_integrations = INTEGRATIONS_AT_REST + SETTLING * buckled
-        self.table.opening.assign(residual)
+        records = self.snapshot()
+        begun = begin(self)
+        self.guess_integrations = begun.integrations
+        self.table.opening.assign(begun.residual)
         self.restore(records)
-        self._natural = np.minimum(1.0, least)
-        return x
-
-    def _settled(
-        self, x: FloatArray, residual: FloatArray, gamma: FloatArray, chosen: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The ``chosen`` after some steps of Newton's method, with residual and ``Gamma``; as they were where these lead away."""
-        first, residuals, gammas = x, residual, gamma
-        for _ in range(SETTLING):
-            step = np.zeros_like(x)
-            regular = chosen & (_least_singular_value(gamma) > 0)
-            step[regular] = np.linalg.solve(gamma[regular], residual[regular, :, None])[..., 0]
-            x = x - step
-            residual, gamma = self.evaluate(x)
-        with np.errstate(invalid="ignore"):
-            away = ~(np.abs(residual).max(axis=1) < np.abs(residuals).max(axis=1)) | ~chosen
-        x[away], residual[away], gamma[away] = first[away], residuals[away], gammas[away]
-        return x, residual, gamma
+        self._natural = np.minimum(1.0, begun.least)
+        return begun.unknowns
 
     @property
     def natural_singular_value(self) -> FloatArray:
@@ -590,93 +397,3 @@ class HeldProblem(BoundaryProblem):
         for name, power in zip(TIP_LOADS, (2, 1), strict=True):
             total += np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) * self.length**power / stiffness
         return np.asarray(total)
-
-
-def _least_singular_value(gamma: FloatArray) -> FloatArray:
-    """Of matrices (batch, n, n); NaN where they are not finite."""
-    least = np.full(len(gamma), np.nan)
-    sound = np.isfinite(gamma).all(axis=(1, 2))
-    least[sound] = np.linalg.svd(gamma[sound], compute_uv=False)[:, -1]
-    return least
-
-
-class HeldParts(PartsAtEqualSteps[HeldProblem]):
-    """Of a ``HeldProblem``."""
-
-    def __init__(self, problem: HeldProblem) -> None:
-        super().__init__(problem, problem.integrator, [problem.rod])
-
-    @property
-    def may_be_clamped(self) -> bool:  # noqa: D102
-        return self.problem.may_be_clamped
-
-    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> HeldProblem:
-        whole = self.problem
-        holders = whole.holders.take(whole.batch_shape, instances)
-        options = {**whole.options, **({"pose_sensitivities": True} if poses else {})}
-        inputs = whole.inputs_given.take(whole.batch_shape, instances)
-        result = HeldProblem(holders, inputs, integrator=integrator, pieces=pieces, **options)
-        result.stop = whole.stop
-        for name in ("inputs", "unknowns"):
-            result.write(name, whole.read(name)[instances])
-        for name in ("rest_position", "rest_turn", "opening", "direct"):
-            getattr(result.table, name).assign(getattr(whole.table, name).numpy()[instances])
-        result.breakpoints = taken(whole.breakpoints, instances)
-        return result
-
-
-class HeldShapes(Shapes):
-    """Of a ``HeldProblem``."""
-
-    def __init__(self, problem: HeldProblem) -> None:
-        self.problem = problem
-
-    def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        self.problem.to_rod()
-        return self.problem.rod.shapes.at_nodes(node_count)
-
-
-class HeldLines(Lines):
-    """Of a ``HeldProblem``."""
-
-    def __init__(self, problem: HeldProblem) -> None:
-        self.problem = problem
-
-    def _of_rod(self) -> Lines:
-        self.problem.to_rod()
-        return self.problem.rod.lines
-
-    def length(self) -> FloatArray:  # noqa: D102
-        return self._of_rod().length()
-
-    def tension(self) -> FloatArray:  # noqa: D102
-        return self._of_rod().tension()
-
-    def slack(self) -> NDArray[np.bool_]:  # noqa: D102
-        return self._of_rod().slack()
-
-    def beyond(self) -> NDArray[np.bool_]:  # noqa: D102
-        return self._of_rod().beyond()
-
-    def left(self, node_count: int) -> FloatArray:  # noqa: D102
-        return self._of_rod().left(node_count)
-
-    def length_columns(self, *names: str) -> FloatArray:
-        """As said."""
-        return by_own_unknowns(self.problem, self._of_rod().length_columns(*names))
-
-
-_DESCRIPTIONS = {
-    "tip_force": "dead force on the end, world frame; what holds the end takes it but along its slide",
-    "tip_moment": "dead moment on the end, world frame; what holds the end takes it but where its joint turns",
-}
-TIP_SPECS = tuple(replace(spec, description=_DESCRIPTIONS[spec.name]) for spec in BACKBONE_INPUTS if spec.name in _DESCRIPTIONS)
-END_INPUTS = (
-    InputSpec(name="end_position", unit="m", acts="tip", description="how far what holds the end is moved, world frame"),
-    InputSpec(
-        name="end_rotation",
-        unit="rad",
-        acts="tip",
-        description="rotation vector by which what holds the end is turned, world frame",
-    ),
-)

@@ -6,12 +6,14 @@ Numbers in parentheses are those of ``docs/held.md``.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
 from multirod.batch import IntArray
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.segments.segments import BackboneSegments
 from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm
@@ -363,3 +365,14 @@ class HeldSegments(BackboneSegments):
         turned = spin @ axes_of_base
         T[rows, :, h + 6 :] += T[rows, :, h : h + 3] @ turned / self._scale[chosen, None, None]
         T[rows, 6:h, :3] = turned.swapaxes(1, 2) * self._stiffness[chosen, None]
+
+
+class HeldBackbone(BackboneProblem):
+    """The rod of a ``HeldProblem``, whose segments begin and end where that says."""
+
+    whole: "HeldProblem"
+
+    @cached_property
+    def cut(self) -> HeldSegments:
+        """Its segments, with what holds the ends."""
+        return HeldSegments(self.whole)

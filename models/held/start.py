@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.batch import IntArray
 from multirod.models.held.held_kernels import ACROSS
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
-from multirod.rotations import cross
+from multirod.rotations import cross, vectors
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -19,9 +20,29 @@ if TYPE_CHECKING:
 
 ANGLE = 1.0  # of an arc [rad]
 ASIDE = 0.3  # part of that across the plane in which the end moves: no symmetry lets a branch end on the way
+INTEGRATIONS_AT_REST = 3
+SETTLING = 4  # and more where a rod begins buckled
+REGULAR = 1e-7  # smallest singular value of Gamma at rest, from which the path begins there
 # of its length, what a rod is shortened by that begins buckled: from where on it is, the least where its end is turned, the most
 BUCKLED, TURNED, MOST = 1e-6, 0.05, 0.3
 ALONG = 0.99  # cosine of the angle between axes that are taken for one
+
+
+@dataclass(frozen=True)
+class Begun:
+    """Where a path begins.
+
+    Attributes:
+        unknowns: [1/m], shape (instance_count, n).
+        residual: There [1/m], which closes along the path, shape (instance_count, n).
+        least: Least singular value of ``Gamma`` there, shape (instance_count,).
+        integrations: That it took, shape (instance_count,).
+    """
+
+    unknowns: FloatArray
+    residual: FloatArray
+    least: FloatArray
+    integrations: IntArray
 
 
 @dataclass(frozen=True)
@@ -67,6 +88,57 @@ MODES = {  # by whether base and end turn freely about the axis
     (True, False): Mode(ROOT**2, 0.0, -HINGED * np.sin(ROOT), HINGED * (1 - np.cos(ROOT)) / ROOT),
     (True, True): Mode(np.pi**2, 0.0, 0.0, 2.0),
 }
+
+
+def begin(problem: "HeldProblem") -> Begun:
+    """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent."""
+    x = np.zeros((problem.instance_count, problem.unknown_count))
+    buckled = np.zeros(problem.instance_count, dtype=bool)
+    problem.table.opening.zero_(), problem.table.direct.zero_()
+    with problem.everyone(), problem.at_load(0.0):
+        problem.evaluate(x)
+        position, rotation = problem.rod.read("position"), problem.rod.read("rotation").reshape(-1, 3, 3)
+        problem.table.rest_position.assign(position)
+        problem.table.rest_turn.assign(vectors(problem.end_frame @ np.swapaxes(rotation, 1, 2)))
+        residual, gamma = problem.evaluate(x)
+        least = _least_singular_value(gamma)
+        stuck = ~(least > REGULAR)
+        if stuck.any():
+            start = bent_rods(problem, x)
+            x = np.where(stuck[:, None], start.unknowns, x)
+            problem.table.direct.assign((stuck & start.direct).astype(np.int32))
+            buckled = stuck & start.buckled
+            problem.table.rest_position.assign(np.where(buckled[:, None], start.end, position))
+            residual, gamma = problem.evaluate(x)
+            if buckled.any():
+                x, residual, gamma = _settled(problem, x, residual, gamma, buckled)
+            least = _least_singular_value(gamma)
+    return Begun(x, residual, least, INTEGRATIONS_AT_REST + SETTLING * buckled)
+
+
+def _settled(
+    problem: "HeldProblem", x: FloatArray, residual: FloatArray, gamma: FloatArray, chosen: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The ``chosen`` after some steps of Newton's method, with residual and ``Gamma``; as they were where these lead away."""
+    first, residuals, gammas = x, residual, gamma
+    for _ in range(SETTLING):
+        step = np.zeros_like(x)
+        regular = chosen & (_least_singular_value(gamma) > 0)
+        step[regular] = np.linalg.solve(gamma[regular], residual[regular, :, None])[..., 0]
+        x = x - step
+        residual, gamma = problem.evaluate(x)
+    with np.errstate(invalid="ignore"):
+        away = ~(np.abs(residual).max(axis=1) < np.abs(residuals).max(axis=1)) | ~chosen
+    x[away], residual[away], gamma[away] = first[away], residuals[away], gammas[away]
+    return x, residual, gamma
+
+
+def _least_singular_value(gamma: FloatArray) -> FloatArray:
+    """Of matrices (batch, n, n); NaN where they are not finite."""
+    least = np.full(len(gamma), np.nan)
+    sound = np.isfinite(gamma).all(axis=(1, 2))
+    least[sound] = np.linalg.svd(gamma[sound], compute_uv=False)[:, -1]
+    return least
 
 
 def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:

@@ -13,7 +13,7 @@ from multirod.budget import Spent
 from multirod.integrators import RK45
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.continuation.natural import MOST_STEPS, SAFE_LOAD, SINGULAR, TURN
+from multirod.solvers.continuation.paths import MOST_STEPS, SAFE_LOAD, SINGULAR, TURN
 from multirod.solvers.energy_descent import EnergyDescent, EnergyDescentTrack
 from multirod.solvers.following.descent import ClampedTurns, Point, Turns
 from multirod.solvers.following.journey import NOISY, At, Clamp, Journey, Judge, Judgement, Run, Settle

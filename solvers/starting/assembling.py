@@ -12,7 +12,7 @@ from multirod.capabilities import Joints, Loading
 from multirod.problem import BoundaryProblem
 from multirod.results.events import placed_events
 from multirod.solver import Outcome
-from multirod.solvers.continuation.natural import SAFE_LOAD, Paths
+from multirod.solvers.continuation.paths import SAFE_LOAD, Paths
 from multirod.solvers.newton.iteration import Newton
 from multirod.status import Status, failures
 from multirod.validation import FloatArray

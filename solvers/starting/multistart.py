@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.continuation.natural import Paths
+from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.starting.assembling import settle
 from multirod.solvers.starting.continua import Curve, beside

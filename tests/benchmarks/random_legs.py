@@ -20,7 +20,7 @@ from random_legs import Drawn, draw, violation
 
 import multirod as mr
 from multirod.capabilities import Loading
-from multirod.solvers.continuation.natural import Paths
+from multirod.solvers.continuation.paths import Paths
 from multirod.status import Status
 
 RIGHT = 1e-6  # of the length and of the legs' stiffness: what the default integrator promises

@@ -1,0 +1,68 @@
+"""What kernels read of a held rod."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from multirod.models.backbone.units import unit_stiffness
+from multirod.models.held import held_kernels as kernels
+from multirod.models.held.holders import POSE_INPUTS, TIP_LOADS
+from multirod.models.joint_kernels import REVOLUTE
+
+if TYPE_CHECKING:
+    from multirod.models.held.problem import HeldProblem
+
+
+def make_table(problem: "HeldProblem", pieces: int) -> Any:
+    """The argument of ``held_kernels``, on the buffers of a problem whose rod is in so many pieces."""
+    holders, rod, count, device = problem.holders, problem.rod, problem.instance_count, problem.device
+    held: Any = kernels.Held()
+    problem.share(held)
+    held.unknown_count, held.rod_unknowns, held.turns = problem.unknown_count, rod.unknown_count, problem.turns
+    held.direction_count = problem.direction_count
+    held.rod_inputs = rod.input_count - 1
+    held.along = rod.input_slice(kernels.ALONG[0]).start
+    held.tip_loads = rod.input_slice(TIP_LOADS[0]).start
+    held.pose = problem.input_slice(POSE_INPUTS[0]).start
+
+    def array(values: Any, dtype: Any) -> Any:
+        kind = np.int32 if dtype is wp.int32 else np.float64
+        return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
+
+    held.base_frame = array(problem.base_frame, wp.mat33d)
+    held.end_position, held.end_frame = array(problem.end_position, wp.vec3d), array(problem.end_frame, wp.mat33d)
+    held.rest_position, held.rest_turn = array(problem.end_position, wp.vec3d), wp.zeros(count, dtype=wp.vec3d, device=device)
+    held.length, held.stiffness = array(problem.length, wp.float64), array(problem.stiffness, wp.float64)
+    held.moment_unit = array(1 / unit_stiffness(rod.each(rod.arrays.material[:, 0, 0])), wp.vec3d)
+    held.base_curvature = array(rod.each(rod.arrays.precurvature[:, 0, 0, :3]), wp.vec3d)
+    held.joint, held.axis = holders.joint, wp.vec3d(*holders.axis)
+    held.slides, held.guide = int(holders.slide is not None), wp.mat33d(*holders.guide.ravel())
+    held.base_axes = array(holders.base_axes.reshape(-1, 3), wp.vec3d)
+    held.opening = wp.zeros((count, problem.unknown_count), dtype=wp.float64, device=device)
+    held.direct = wp.zeros(count, dtype=wp.int32, device=device)
+    held.alike = array(problem.alike, wp.int32)
+    held.neutral = wp.zeros(count, dtype=wp.int32, device=device)
+    held.clamped = int(pieces > 1)
+    for name in ("active", "load_factor", "directions", "fault", "step_count", "residual", "gamma", "residual_directions"):
+        setattr(held, f"rod_{name}", getattr(rod, name))
+    held.rod_unknowns_at, held.rod_inputs_at = rod.unknowns, rod.inputs
+    held.rod_position, held.rod_rotation, held.rod_pose_columns = rod.position, rod.rotation, rod.pose_columns
+    held.wrench, held.wrench_columns = rod.tip_wrench, rod.wrench_columns
+    held.base_position, held.base_rotation = rod.table.base_position, rod.table.base_rotation
+    return held
+
+
+def alike(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """(10) Whether nothing of the rod tells directions across its axis apart, shape (instance_count,)."""
+    arrays, features = problem.rod.arrays, problem.rod.features
+    material = arrays.material[:, 0]
+    free = problem.turns or problem.holders.joint == REVOLUTE or features.members or features.loads
+    if free or features.distributed_force or features.distributed_moment or features.profile_degree >= 0:
+        return np.zeros(problem.instance_count, dtype=bool)
+    if problem.holders.slide is not None and abs(problem.holders.slide[2]) < 1 - kernels.ON_AXIS:
+        return np.zeros(problem.instance_count, dtype=bool)
+    bent = arrays.precurvature.reshape(*arrays.precurvature.shape[:3], -1, 3)[..., :2].any(axis=(1, 2, 3, 4))
+    same = (material[..., 0] == material[..., 1]).all(axis=1) & (material[..., 6] == material[..., 7]).all(axis=1)
+    return np.asarray(problem.rod.each(same & ~bent))

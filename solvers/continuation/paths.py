@@ -1,0 +1,386 @@
+"""Following a branch of equilibria in steps that are sure to stay on it."""
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from multirod.kernels.repeated_kernels import Calls
+from multirod.launch import expect, record
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome
+from multirod.solvers.continuation.acceptance import RATIO_TESTS
+from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path
+from multirod.solvers.newton.iteration import Newton, narrowing
+from multirod.status import BoolArray, Status, failures
+from multirod.validation import FloatArray
+
+SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
+SINGULAR = 0.05  # largest singular value, in units of what is natural, that vanishes where a branch ends; within 1e-7 of there
+TURN = 2.5  # by which rods may be turned against each other in a step [rad]: half a turn later they pull the other way
+GROWTH = 0.5  # of the load reached, that the next step may be if that is more
+RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
+AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
+ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
+MOST_STEPS = 32 * 65_536  # of the integrator for each rod, in all integrations of a way: one second
+CREEPING = 100  # steps to the full load, at the pace of the last, of what does
+ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
+
+
+class Paths:
+    """Paths of all instances of a problem from level 0 to level 1, each in steps of its own.
+
+    A step starts from the extrapolation of the last three equilibria. It is kept if Newton's undamped steps contract fast, as
+    they do inside the ball around a solution in which it is the only one (Newton-Kantorovich), if ``Gamma`` at its end, times
+    the inverse of that at its start, is near the identity: no mode has vanished or changed sign on the way, not even two at
+    once, and if the equilibrium lies where the extrapolation led, or goes on in proportion as the step is halved: near a
+    bifurcation that is imperfect by a little, the other branch passes the first two tests. What has several equilibria unloaded
+    is looked at halfway too: the step is kept if there is an equilibrium on the curve through its ends, and ``Gamma`` there is
+    like both. The step is otherwise halved; the branch ends where that makes it too small.
+
+    Args:
+        problem: Its buffers hold the last equilibrium of each instance afterwards.
+        newton: On the same problem.
+        max_steps: Steps allowed.
+    """
+
+    def __init__(self, problem: BoundaryProblem, newton: Newton, max_steps: int) -> None:
+        self.problem = problem
+        n, count, device = problem.unknown_count, problem.instance_count, problem.device
+        state: Any = PathState()
+        self.state = state
+        state.newton = newton.state
+        state.load_factor, state.inputs = problem.load_factor, problem.inputs
+        for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "rough", "probed"):
+            setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
+        for name in ("step", "goal", "safe_step", "most_step", "sure_level", "apart"):
+            setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
+        state.points = wp.zeros((count, 3, n), dtype=wp.float64, device=device)
+        state.levels = wp.zeros((count, 3), dtype=wp.float64, device=device)
+        state.reference = wp.zeros(newton.state.gamma.shape, dtype=wp.float64, device=device)
+        state.expected = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.surprise = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.trial = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.halfway = wp.zeros(newton.state.gamma.shape, dtype=wp.float64, device=device)
+        state.max_steps = max_steps
+        state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
+        self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
+        self._in_place: dict[str, Any] = {}
+        if wp.get_device(device).is_cpu:
+            names = (
+                "safe_step",
+                "most_step",
+                "sure_level",
+                "load_factor",
+                "status",
+                "iterations",
+                "integrations",
+                "levels",
+                "step",
+                "steps",
+                "halved",
+                "surprised",
+                "rough",
+                "probed",
+                "known",
+            )
+            self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
+        self._newton = newton
+        self._tolerance = newton.tolerance
+        self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
+        self._launch: Any = None
+        self._loop: tuple[Any, Any] | None = None  # what is called, and launches that repeat it and what follows
+        self._passed: tuple[Any, ...] | None = None  # options of these launches
+        self._first_values: Any = None
+        self._shape = newton.shape
+        # compiled while the problem's own kernels are
+        self._on_cpu = wp.get_device(device).is_cpu
+        expect(self._make, device)
+
+    def _make(self) -> Any:
+        return make_path(*self._shape, repeats=self._on_cpu)
+
+    @classmethod
+    def of(cls, problem: BoundaryProblem, newton: Newton, max_steps: int) -> "Paths":
+        """New ones, or, of a problem that may be kept, those that were kept with ``newton``, as new."""
+        if not problem.may_be_kept:
+            return cls(problem, newton, max_steps)
+        if newton.paths is None:
+            newton.paths = cls(problem, newton, max_steps)
+        kept: Paths = newton.paths
+        kept.renew(max_steps)
+        return kept
+
+    def renew(self, max_steps: int) -> None:
+        """As new, on the CPU."""
+        state = self.state
+        state.max_steps = max_steps
+        self.handed = None
+        if self._first_values is None:
+            arrays = [state.status, state.iterations, state.integrations, state.steps, state.known, state.halved, state.surprised]
+            arrays += [state.rough, state.probed, state.step, state.goal, state.apart, state.points, state.levels]
+            arrays += [state.reference, state.expected, state.surprise, state.trial, state.halfway]
+            self._first_values = [array.numpy() for array in arrays]
+        for values in self._first_values:
+            values.fill(0)
+
+    def raise_loads(self, chosen: BoolArray, bounds: FloatArray, finer: int = 1, unloaded: FloatArray | None = None) -> Outcome:
+        """From the unloaded equilibrium to the full load, all loads in proportion.
+
+        ``bounds`` are the problem's ``mode_bounds``, and steps are ``finer`` times shorter than they call for. Where the
+        equilibrium is, ``unloaded`` (instance_count, n) says, or the problem's ``guess``.
+        """
+        problem, first = self.problem, bounds[:, 0]
+        safe_step = SAFE_LOAD / np.maximum(np.maximum(problem.load_scale(), 2 * first), 1e-300)
+        most_step = np.where(first < 1, 1.0, TURN / np.maximum(problem.turning(), 1e-300) / finer)
+        sure = (first < 1) | (not problem.may_jump)
+        start = problem.guess() if unloaded is None else unloaded
+        outcome = self.raise_from(chosen, start, safe_step / finer, most_step=most_step, growth=GROWTH / finer, sure=sure)
+        if unloaded is None:
+            outcome.integrations += chosen * problem.guess_integrations
+        return outcome
+
+    def raise_from(
+        self,
+        chosen: BoolArray,
+        unknowns: FloatArray,
+        safe_step: FloatArray,
+        *,
+        most_step: FloatArray | float = 1.0,
+        growth: float = GROWTH,
+        sure: BoolArray | bool = True,
+    ) -> Outcome:
+        """From the equilibrium ``unknowns`` (instance_count, n) where the load factor is 0, to where it is 1.
+
+        ``safe_step`` (instance_count,) is a step that is short enough wherever it starts, and ``growth`` the part of the load
+        reached that one may be if that is more, up to ``most_step``. Where it is ``sure`` that no mode can vanish and come back,
+        steps are not looked at halfway. What is not ``chosen`` is left as it is.
+        """
+        problem, state = self.problem, self.state
+        state.by_inputs = 0
+        self._set("safe_step", safe_step)
+        self._set("most_step", most_step)
+        self._set("sure_level", sure)
+        state.growth = growth
+        problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
+        with problem.at_load(np.where(chosen, 0.0, 1.0)):
+            self._set_out(chosen, known=0)
+            return self._follow(integrated=problem.integrate_alike())
+
+    def _get(self, name: str) -> Any:
+        """A copy of a number of every instance."""
+        return np.array(self._in_place[name] if self._in_place else getattr(self.state, name).numpy())
+
+    def _set(self, name: str, values: Any) -> None:
+        """Set a number of every instance."""
+        if self._in_place:
+            self._in_place[name][:] = values
+        else:
+            target = self.problem.active if name == "active" else getattr(self.state, name)
+            kind = np.float64 if target.dtype == wp.float64 else np.int32
+            given = np.broadcast_to(np.asarray(values, dtype=kind), target.shape)
+            target.assign(np.ascontiguousarray(given))
+
+    def change_inputs(
+        self,
+        chosen: BoolArray,
+        before: FloatArray,
+        unknowns: FloatArray,
+        gamma: FloatArray,
+        *,
+        dip: float = 0.0,
+        safe_step: FloatArray | float = 1.0,
+    ) -> Outcome:
+        """From the equilibrium ``unknowns``, where ``Gamma`` is ``gamma``, at the inputs ``before``, to the problem's inputs.
+
+        All of the first axis instance_count; what is not ``chosen`` is left as it is. With a ``dip``, that part of the load is
+        off halfway: what has a kink at the full load is smooth on the way. A ``safe_step`` (instance_count,) is one that is short
+        enough though there is no equilibrium before the first.
+        """
+        problem, state = self.problem, self.state
+        after = problem.read("inputs")
+        state.by_inputs = 1
+        state.dip = dip
+        state.growth = GROWTH
+        for name, values in (("from_inputs", before), ("to_inputs", after)):
+            setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
+        self._set("safe_step", safe_step)
+        state.most_step.assign(TURN / np.maximum(problem.turning(before), 1e-300))
+        state.sure_level.fill_(0.0 if problem.may_jump else 1.0)
+        state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
+        state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
+        self._set_out(chosen, known=1)
+        with problem.at_load(1.0) if dip else nullcontext():  # paths that end on the way leave theirs
+            outcome = self._follow()
+        problem.write("inputs", after)
+        return outcome
+
+    def at_kink(self) -> BoolArray:
+        """Whether the last equilibria on the paths are where the residual has a kink, shape (instance_count,)."""
+        kinks, last = self.problem.kinks, self.state.points.numpy()[:, 0]
+        return np.asarray((np.abs(last[:, kinks]) < AT_KINK * self.problem.curvature_scale()[:, None]).any(axis=1))
+
+    def _set_out(self, chosen: BoolArray, known: int) -> None:
+        """Put the chosen instances at the start of their paths, of which ``known`` equilibria are known, and leave the others."""
+        state = self.state
+        self._set("active", chosen)
+        self._set("status", np.where(chosen, Status.NOT_RUN, Status.CONVERGED))
+        for name in ("iterations", "integrations", "steps", "halved", "surprised", "rough", "probed", "levels"):
+            self._set(name, 0)
+        self._set("known", known)
+        state.departing = int(known > 0)
+
+    def _follow(self, *, integrated: bool = False) -> Outcome:
+        """To the ends of all paths; ``integrated`` where that has been done at their beginnings."""
+        problem, state = self.problem, self.state
+        self._steps = np.zeros(problem.instance_count, dtype=np.int64)
+        calls = self._newton.calls()
+        if calls is not None:
+            self._repeat(calls)
+        else:
+            with narrowing(problem) as narrow:
+                self._launch_all(integrated, narrow)
+        counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
+        self._doubt_ends(counts["status"], counts["integrations"])
+        if len(problem.kinks) and (failed := failures(counts["status"])).any():
+            # lines that cannot all be as short as they are to be
+            last = np.abs(state.points.numpy()[:, 0, problem.kinks]).max(axis=1)
+            counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINES_TOO_SHORT
+        return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
+
+    def _launch_all(self, integrated: bool, narrow: Callable[[int], None]) -> None:
+        """Integrations and launches until no instance is on its way; ``narrow`` is told how many are."""
+        problem, state = self.problem, self.state
+        if self._launch is None:
+            self._launch = record(self._make, problem.instance_count, [state, Calls(), 0], problem.device)
+        else:
+            self._launch.set_param_at_index(0, state)
+            self._launch.set_dim(problem.instance_count)
+        launch, dim = self._launch, problem.instance_count
+        if state.departing:
+            launch.launch()
+            state.departing = 0
+            launch.set_param_at_index(0, state)
+        remaining, rounds = 1, 0
+        while remaining:
+            if self._remaining is not None:
+                self._remaining[0] = 0
+            else:
+                state.remaining.zero_()
+            if not integrated:
+                problem.integrate()
+            integrated = False
+            self._eliminate()
+            if dim != problem.listed:
+                dim = problem.listed
+                launch.set_dim(dim)
+            launch.launch()
+            remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
+            if self.handed is not None:
+                if rounds == 0:
+                    unloaded = self._newton.gamma()
+                if remaining and (rounds + 1) % ROUNDS == 0:
+                    remaining -= self._give_up(unloaded)
+            rounds += 1
+            if remaining and rounds % ROUNDS == 0:
+                remaining -= self._end_long()
+            narrow(remaining)
+
+    def _repeat(self, calls: Any) -> None:
+        """The same for few instances: a kernel repeats both, ``ROUNDS`` times in two launches."""
+        state = self.state
+        if self._loop is None or self._loop[0] is not calls:
+            self._loop = calls, tuple(record(self._make, 1, [state, calls, n], self.problem.device) for n in (1, ROUNDS - 1))
+            self._passed = None
+        first, others = self._loop[1]
+        options = (state.by_inputs, state.dip, state.growth, state.max_steps)
+        if state.by_inputs or options != self._passed:
+            first.set_param_at_index(0, state)
+            departing, state.departing = state.departing, 0
+            others.set_param_at_index(0, state)
+            state.departing = departing
+            self._passed = options
+        unloaded, remaining = None, 1
+        while remaining:
+            for launch in (first, others):
+                if remaining:
+                    self.problem.heed_stop()
+                    launch.launch()
+                    assert self._remaining is not None  # as calls are there on the CPU alone
+                    remaining = int(self._remaining[0])
+                if state.departing:
+                    state.departing = 0
+                    first.set_param_at_index(0, state)
+                if self.handed is not None and unloaded is None:
+                    unloaded = self._newton.gamma()
+            if remaining and unloaded is not None:
+                remaining -= self._give_up(unloaded)
+            if remaining:
+                remaining -= self._end_long()
+
+    def _eliminate(self) -> None:
+        """Have what the kernel asks of ``Gamma`` found, where the problem offers ``elimination``."""
+        if self._newton.eliminated is None:
+            return
+        state = self.state
+        others = [
+            (state.reference.numpy(), state.known.numpy() > 0),
+            (state.halfway.numpy(), state.goal.numpy() > state.sure_level.numpy()),
+        ]
+        looked = state.probed.numpy() == LOOKING
+        with np.errstate(invalid="ignore"):
+            size = np.linalg.norm(self.problem.read("residual"), axis=1)
+            looked |= (state.goal.numpy() < 1) & (size <= FALL * state.newton.merit.numpy())  # which may go on from there
+        self._newton.eliminated.find(looked, others, RATIO_TESTS)
+
+    def _give_up(self, unloaded: FloatArray) -> int:
+        """End those that creep towards where rounding ends them: whose steps are short, and whose ``Gamma``,
+        ``unloaded`` first, (instance_count, n^2), will amplify the rounding of the unknowns far beyond the tolerance, (3) and (4)
+        of ``docs/solvers.md``; how many there are.
+
+        Every instance on its way has taken as many integrations as rounds, so that none depends on the others.
+        """
+        assert self.handed is not None
+        problem = self.problem
+        level, step, active = self._get("levels")[:, 0], self._get("step"), self._get("active") != 0
+        if problem.segments is None or problem.parts is None:
+            return 0
+        unknowns = self.state.points.numpy()[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))  # Frobenius: what multiplies a change, at most
+            steps = np.fmin((1 - level) / step, -np.log(level) / np.log1p(step / level))
+            full = size * (size / np.linalg.norm(unloaded, axis=1)) ** (1 / np.sqrt(level) - 1)
+            rounding = np.finfo(float).eps * full * np.abs(unknowns).max(axis=1)
+        creeping = active & (level > 0) & (steps > CREEPING) & (rounding > ROUNDED_OFF * self._tolerance())
+        self.handed |= creeping
+        self._set("status", np.where(creeping, Status.STALLED, self._get("status")))
+        self._set("active", active & ~creeping)
+        own = problem.read("unknowns")
+        own[creeping] = unknowns[creeping]
+        problem.write("unknowns", own)
+        return int(creeping.sum())
+
+    def _end_long(self) -> int:
+        """End those whose integrations take so many steps that they have had their part; how many there are.
+
+        Every instance on its way has taken as many integrations as rounds.
+        """
+        active = self._get("active") != 0
+        self._steps += ROUNDS * np.where(active, self.problem.step_count.numpy(), 0)
+        long = active & (self._steps > MOST_STEPS * len(self.problem.blocks))
+        if long.any():
+            self._set("status", np.where(long, Status.INTEGRATION_LIMIT, self._get("status")))
+            self._set("active", active & ~long)
+        return int(long.sum())
+
+    def _doubt_ends(self, status: Any, integrations: Any) -> None:
+        """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
+        ended = np.flatnonzero(status == Status.BRANCH_END)
+        if len(ended):
+            least = self._newton.least_singular_values(self.state.reference.numpy()[ended])
+            status[ended[least > SINGULAR * self.problem.natural_singular_value[ended]]] = Status.STALLED
+            if self.state.by_inputs:
+                # which what is natural here takes
+                integrations[ended] += np.broadcast_to(self.problem.guess_integrations, status.shape)[ended]

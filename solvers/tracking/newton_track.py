@@ -1,0 +1,226 @@
+"""Newton's method along a motion, sample by sample, on the branch of the last."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome, Track, knows
+from multirod.solvers.continuation.paths import TURN, Paths
+from multirod.solvers.newton.iteration import UNLIMITED
+from multirod.solvers.newton.newton_kernels import Sample
+from multirod.solvers.starting.letting_out import let_out, loosened
+from multirod.solvers.tracking.kinks import passed_kinks
+from multirod.status import BoolArray, Status, failures
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.solvers.shooting import Shooting
+
+SAME = 1e-6  # unknowns that are, beside 1/m and themselves
+FRESH = 1e-3  # of the way between two samples, that the first step from where a motion has just come to is
+DIP = 0.1  # of the load, that is taken off on the way past a kink
+_CONVERGED = int(Status.CONVERGED)
+
+
+class NewtonTrack(Track):
+    """Newton along a motion: the last samples' unknowns, extrapolated, start the next.
+
+    A sample that might have left its branch (slow contraction, a Gamma unlike the last, or no convergence) is solved again by
+    continuation in the inputs from the last good sample, in steps that are sure to stay on the branch; where that ends, the
+    sample fails, and the next starts from the last good one again.
+
+    Args:
+        options: Whose.
+        problem: At the inputs of each sample.
+        order: Of the extrapolation.
+    """
+
+    def __init__(self, options: "Shooting", problem: BoundaryProblem, order: int) -> None:
+        self.options = options
+        self.problem = problem
+        self.newton = options.newton(problem)
+        self.newton.expect()
+        self.order = order
+        count, n = problem.instance_count, problem.unknown_count
+        # on a processor, NumPy and the kernel of a sample share what is kept
+        state: Any = Sample()
+        state.past = wp.zeros((count, 3, n), dtype=wp.float64, device="cpu")
+        state.last_inputs = wp.zeros((count, problem.input_count), dtype=wp.float64, device="cpu")
+        state.points, state.good = (wp.zeros(1, dtype=wp.int32, device="cpu") for _ in range(2))
+        if wp.get_device(problem.device).is_cpu:
+            state.inputs = problem.inputs
+        turned = problem.turned if problem.may_jump else slice(0, 0)
+        state.turned, state.most_turn = wp.vec2i(turned.start, turned.stop), TURN
+        state.order, state.slow, state.most_integrations = self.order, self.newton.slow, min(options.max_integrations, UNLIMITED)
+        self._state = state
+        self._past, self._last_inputs = state.past.numpy(), state.last_inputs.numpy()
+        self._points, self._good = state.points.numpy(), state.good.numpy()
+        self._sample: tuple[Any, Any] | None = None  # the launch of a sample, and what it calls
+        self.inputs: FloatArray | None = None  # those of the last good sample
+        self.known = np.zeros(problem.instance_count, dtype=bool)  # instances that have had a good sample, or a guess
+        self.all_known = False
+        # where branches are near: what came there by an event
+        self.fresh, self._any_fresh = np.zeros(problem.instance_count, dtype=bool), False
+
+    @property
+    def last(self) -> FloatArray:
+        """Unknowns of the last good samples, shape (instance_count, n)."""
+        return np.asarray(self._past[:, 0])
+
+    def start(self, unknowns: FloatArray) -> None:
+        """Take ``unknowns`` as the sample before the first, of instances whose row is not NaN."""
+        self.known = knows(unknowns)
+        self.all_known = bool(self.known.all())
+        self._past[:, 0], self._points[0] = np.where(self.known[:, None], unknowns, self.problem.guess()), 1
+
+    def step(self) -> Outcome:
+        """Extrapolate, iterate to the tolerance, and make sure of the branch."""
+        problem, newton = self.problem, self.newton
+        if self.all_known and self.inputs is not None and not self._any_fresh and (calls := newton.calls()) is not None:
+            if self._sample is None or self._sample[0] is not calls:
+                self._sample = calls, newton.repeating(calls, self._state)
+            problem.heed_stop()
+            self._sample[1].launch()
+            if self._good[0]:
+                return newton.outcome()
+            newton.go_on()  # where it was not at its end
+            return self._made_sure(newton.outcome(), None)
+        first = None
+        if not self.all_known:
+            if not self._points[0]:
+                self._past[:, 0], self._points[0] = problem.guess(), 1
+            first = self.options._first(problem, newton, ~self.known)
+            if not self.known.any():
+                return self._keep(first)
+        past, points = self._past, int(self._points[0])
+        if points > 2:
+            guess = 3 * (past[:, 0] - past[:, 1]) + past[:, 2]
+        elif points == 2:
+            guess = 2 * past[:, 0] - past[:, 1]
+        else:
+            guess = past[:, 0]
+        if first is not None:
+            guess = np.where(self.known[:, None], guess, problem.read("unknowns"))
+        problem.write("unknowns", guess)
+        newton.allow(self.options.max_integrations)
+        newton.run(None if first is None else self.known)
+        outcome = newton.outcome()
+        if first is not None:
+            for mine, theirs in (
+                (outcome.status, first.status),
+                (outcome.iterations, first.iterations),
+                (outcome.integrations, first.integrations),
+            ):
+                mine[~self.known] = theirs[~self.known]
+            outcome.breakpoints, outcome.events = first.breakpoints, first.events
+        return self._made_sure(outcome, first)
+
+    def _made_sure(self, outcome: Outcome, first: Outcome | None) -> Outcome:
+        """What may have left its branch is solved again, and the sample is kept."""
+        problem, newton = self.problem, self.newton
+        turned = self._turned()
+        fresh = bool(self.fresh.any())
+        if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh):
+            doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
+            doubtful &= ~passed_kinks(problem, newton, doubtful & (outcome.status == _CONVERGED), self.last)
+            if turned is not None:
+                doubtful |= turned & self.known
+            calm, own = ~doubtful, problem.read("unknowns") if fresh else None
+            doubtful |= self.fresh
+            beyond = doubtful & problem.out_of_reach()  # where no way leads
+            outcome.status[beyond] = Status.OUT_OF_REACH
+            doubtful &= ~beyond
+            if doubtful.any():
+                self._continue(doubtful, outcome, self.inputs)
+            if own is not None:
+                # where both lead to the same, branches are no longer near
+                self.fresh &= ~(calm & np.isclose(own, problem.read("unknowns"), rtol=SAME, atol=SAME).all(axis=1))
+        return self._keep(outcome)
+
+    def _turned(self) -> Any:
+        """Which instances were turned too far since the last good sample; None if none was."""
+        if self.inputs is None or not self.problem.may_jump:
+            return None
+        turned = self.problem.turning(self.inputs) > TURN
+        return turned if turned.any() else None
+
+    def _continue(self, doubtful: Any, outcome: Outcome, before: FloatArray) -> None:
+        """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
+        self.newton.allow(self.options._left(outcome))
+        paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
+        safe = np.where(self.fresh, FRESH, 1.0)
+        last = self.last.copy(), self.newton.reference()
+        again = paths.change_inputs(doubtful, before, *last, safe_step=safe)
+        self._take_in(doubtful, again, outcome)
+        reached, ends = again.reached, self.problem.read("unknowns")
+        stuck = doubtful & failures(again.status)
+        if len(self.problem.kinks) and stuck.any() and (stuck := stuck & paths.at_kink()).any():
+            # Gamma jumps there however short the steps are
+            self.newton.allow(self.options._left(outcome))
+            self._take_in(stuck, paths.change_inputs(stuck, before, *last, dip=DIP), outcome)
+            if len(self.problem.kink_inputs) and (stuck := stuck & failures(outcome.status)).any():
+                self._let_out(stuck, outcome, paths, before, last[0])
+        # where many modes are soft, steps may become small just before one vanishes
+        stalled = doubtful & (outcome.status == Status.STALLED)
+        ended = stalled | (doubtful & (outcome.status == Status.BRANCH_END))
+        if ended.any():
+            assert reached is not None  # by every path
+            self.options._follow(self.problem, self.newton, outcome, ended, reached, ends, before)
+            outcome.status[stalled & (outcome.status == Status.BRANCH_END)] = Status.STALLED
+
+    def _let_out(self, stuck: BoolArray, outcome: Outcome, paths: Paths, before: FloatArray, last: FloatArray) -> None:
+        """What is stuck beside a line at its kink, from the last good sample with all lines longer, on a way where they are."""
+        problem, newton, asked = self.problem, self.newton, self.problem.read("inputs")
+        newton.allow(self.options._left(outcome))
+
+        def find(some: BoolArray) -> Outcome:
+            longer = problem.read("inputs")
+            start = before + longer - asked
+            problem.write("inputs", start)
+            problem.write("unknowns", np.where(some[:, None], loosened(problem, last), problem.read("unknowns")))
+            newton.run(some)
+            first, ready = newton.outcome(), some & (newton.outcome().status == _CONVERGED)
+            problem.write("inputs", longer)
+            found = paths.change_inputs(ready, start, problem.read("unknowns"), newton.gamma())
+            found.status[some & ~ready] = int(Status.STALLED)
+            found.iterations += first.iterations
+            found.integrations += first.integrations
+            return found
+
+        outcome.status[let_out(problem, newton, outcome, stuck, find)] = Status.LINES_TOO_SHORT
+
+    @staticmethod
+    def _take_in(chosen: Any, again: Outcome, outcome: Outcome) -> None:
+        outcome.status[chosen] = again.status[chosen]
+        outcome.iterations += again.iterations
+        outcome.integrations += again.integrations
+        outcome.reached = again.reached
+
+    def _keep(self, outcome: Outcome) -> Outcome:
+        found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")
+        past, self._points[0] = self._past, min(self._points[0] + 1, self.order + 1)
+        if self.all_known and (outcome.status == _CONVERGED).all():
+            past[:, 1:] = past[:, :2]
+            past[:, 0] = found
+            self._last_inputs[:] = inputs
+            self.newton.set_reference()
+        else:
+            # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
+            good = ~failures(outcome.status)
+            good[list(outcome.breakpoints)] = False
+            # what failed starts again from its last equilibrium, what is new from its first, both without a slope
+            elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED, Status.DAMPED))
+            self.fresh |= elsewhere
+            kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
+            last = past[:, 0].copy()
+            for k, point in ((2, past[:, 1]), (1, past[:, 0]), (0, found)):
+                past[:, k] = np.where(new, found, np.where(kept, point, last))
+            self._last_inputs[:] = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
+            self.newton.set_reference(good)
+            self.known |= good
+            self.all_known = bool(self.known.all())
+        self.inputs = self._last_inputs
+        self._any_fresh = bool(self.fresh.any())
+        return outcome
