@@ -13,8 +13,9 @@ from multirod.solver import Outcome, Solver, Track, knows
 from multirod.solvers.continuation.paths import ROUNDED_OFF, RUNAWAY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.segments.band import Systems
+from multirod.solvers.segments.equilibria import Place
 from multirod.solvers.segments.loosened import Loosened
-from multirod.solvers.segments.path import Place, Results, SegmentedPaths
+from multirod.solvers.segments.path import Results, SegmentedPaths
 from multirod.stability import Stability
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, positive_int

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipk
 
 import multirod as mr
-from multirod.solvers.following.journey import Journey, Judge
+from multirod.solvers.following.journey import Journey
+from multirod.solvers.following.requests import Judge
 
 EI, LENGTH = 0.02, 0.5
 STRIP = mr.Rod(length=LENGTH, bending_stiffness=(4 * EI, EI), torsional_stiffness=0.015)

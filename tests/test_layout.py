@@ -41,9 +41,7 @@ LONG = {
     "models/platform/problem.py": "the boundary problem of legs on a platform",
     "multirod/problem/boundary.py": "the interface of a boundary problem",
     "solvers/continuation/continuation_kernels.py": "a step along a branch",
-    "solvers/following/journey.py": "the way from where a branch ends",
     "solvers/newton/newton_kernels.py": "Newton's iteration",
-    "solvers/segments/path.py": "a branch by multiple shooting",
     "solvers/tracking/observer_kernels.py": "the observer's step",
 }
 

@@ -22,6 +22,7 @@ from multirod.segments import Breakpoints, Cuts, Propagation
 from multirod.solvers import multiple_shooting
 from multirod.solvers.continuation import paths as continuation
 from multirod.solvers.multiple_shooting import MultipleShooting
+from multirod.solvers.segments import equilibria as segmented_equilibria
 from multirod.solvers.segments import path as segmented_path
 from multirod.solvers.segments.band import VECTORS, Step, Systems
 from multirod.solvers.segments.path import SegmentedPaths
@@ -136,7 +137,8 @@ def test_a_helix_held_by_its_wrench_reaches_the_end_of_its_natural_branch(refere
     robot = mr.SingleRod(rod, base=make_pose(base["R0"], base["p0"]))
     inputs = robot.inputs(tip_force=loads["tip_force_world"], tip_moment=loads["tip_moment_world"])
     solution = mr.solve(robot, inputs, solver=mr.MultipleShooting()).raise_if_failed()
-    monkeypatch.setattr(segmented_path, "CONTRACTION", 0.03)
+    for module in (segmented_path, segmented_equilibria):
+        monkeypatch.setattr(module, "CONTRACTION", 0.03)
     monkeypatch.setattr(segmented_path, "SAFE_LOAD", 0.5)
     monkeypatch.setattr(segmented_path, "LOAD_RATIO", 0.05)
     slow = mr.solve(robot, inputs, solver=mr.MultipleShooting()).raise_if_failed()
@@ -189,7 +191,7 @@ LOADS = {
 @pytest.mark.parametrize("given", LOADS)
 def test_segments_lead_where_one_integration_leads(given, monkeypatch):
     """Cut in more than ten, sections and profiles cut across: the same unknowns and the same tip, under every load."""
-    monkeypatch.setattr(segmented_path, "GROWTH", 1.05)
+    monkeypatch.setattr(segmented_equilibria, "GROWTH", 1.05)
     sections = [
         mr.Section(
             length=0.15, bending_stiffness=(0.22, 0.25), torsional_stiffness=0.06, precurvature=(8, 3, 0), linear_density=0.03
@@ -711,7 +713,7 @@ def test_errors(soft, monkeypatch):
         mr.Shooting(fallback=1)
     inputs = soft.inputs(tip_force=(60.0, -50.0, 30.0))
     assert mr.solve(soft, inputs, solver=mr.MultipleShooting(max_continuation_steps=3)).status == mr.Status.MAX_ITERATIONS
-    monkeypatch.setattr(segmented_path, "MOST_SEGMENTS", 3)
+    monkeypatch.setattr(segmented_equilibria, "MOST_SEGMENTS", 3)
     assert mr.solve(soft, inputs, solver=mr.MultipleShooting()).status == mr.Status.STEP_LIMIT
 
 

@@ -6,7 +6,7 @@ import pytest
 import multirod as mr
 from multirod.results.segment_system import System
 from multirod.solvers import multiple_shooting
-from multirod.solvers.segments import path as segmented_path
+from multirod.solvers.segments import equilibria as segmented_equilibria
 from multirod.solvers.segments.band import Step
 from multirod.solvers.segments.path import SegmentedPaths
 
@@ -82,8 +82,8 @@ SCENES = {
 @pytest.fixture
 def cut_short(monkeypatch) -> None:
     """Cut where segments would not need it, and no iteration from the base alone."""
-    monkeypatch.setattr(segmented_path, "GROWTH", 1.2)
-    monkeypatch.setattr(segmented_path, "MOST_STEPS", 16)
+    monkeypatch.setattr(segmented_equilibria, "GROWTH", 1.2)
+    monkeypatch.setattr(segmented_equilibria, "MOST_STEPS", 16)
     monkeypatch.setattr(multiple_shooting, "ROUNDED_OFF", 0.0)
 
 

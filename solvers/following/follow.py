@@ -16,7 +16,9 @@ from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import MOST_STEPS, SAFE_LOAD, SINGULAR, TURN
 from multirod.solvers.energy_descent import EnergyDescent, EnergyDescentTrack
 from multirod.solvers.following.descent import ClampedTurns, Point, Turns
-from multirod.solvers.following.journey import NOISY, At, Clamp, Journey, Judge, Judgement, Run, Settle
+from multirod.solvers.following.journey import Journey
+from multirod.solvers.following.requests import At, Clamp, Judge, Judgement, Run, Settle
+from multirod.solvers.following.walk import NOISY
 from multirod.status import failures
 from multirod.validation import FloatArray
 
