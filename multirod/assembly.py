@@ -30,7 +30,7 @@ else:
 
 
 ORTHOGONAL = 1e-8  # what R R^T of a rotation may be off the identity
-ROUNDED = 0.02  # that it may be off where digits were cut
+DIGITS_CUT = 0.02  # by which R R^T is off the identity at most where digits of a rotation were cut
 
 
 class Assembly(ABC):
@@ -309,7 +309,7 @@ def not_turned(R: FloatArray) -> str:
     off = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max())
     if off <= ORTHOGONAL:
         return "its determinant is -1, a mirror image: a left-handed frame, or axes in another order"
-    return f"R R^T is off the identity by {off:.2g}" + (": it is rounded, give all digits" if off < ROUNDED else "")
+    return f"R R^T is off the identity by {off:.2g}" + (": it is rounded, give all digits" if off < DIGITS_CUT else "")
 
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 KEPT = 3  # matrices whose factors are kept: the present one, and those that it is compared with
 LANCZOS = 150  # rows from which the least singular value is found by iteration
-CLOSE = 1e-4  # to which that is, relative
+LANCZOS_TOLERANCE = 1e-4  # relative, of that value
 
 
 class Factors(Protocol):
@@ -105,5 +105,5 @@ class Elimination:
 
         square = LinearOperator((self.size, self.size), matvec=lambda x: factors.solve(factors.solve(x, "T")), dtype=np.float64)
         start = np.random.default_rng(0).standard_normal(self.size)
-        largest = eigsh(square, k=1, which="LA", v0=start, tol=CLOSE, return_eigenvectors=False)
+        largest = eigsh(square, k=1, which="LA", v0=start, tol=LANCZOS_TOLERANCE, return_eigenvectors=False)
         return float(1 / np.sqrt(largest[-1]))

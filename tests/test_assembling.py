@@ -87,17 +87,16 @@ def test_apart_is_an_equilibrium_and_together_the_robot(number):
             residual, gamma = problem.evaluate(x)
         np.testing.assert_allclose(residual, 0.0, atol=1e-14 * np.abs(gamma).max())
         assert np.isfinite(gamma).all()
-    problem.load_factor.fill_(1.0)
     together = problem.evaluate(x)[0]
     problem.joints.shut()
     np.testing.assert_array_equal(problem.evaluate(x)[0], together)
     for loading, factor in ((Loading.NONE, 0.0), (Loading.FULL, 1.0)):
-        problem.load_factor.fill_(factor)
         problem.joints.close(Loading.RISING)
-        same = problem.evaluate(x)[0]
+        with problem.at_load(factor):
+            same = problem.evaluate(x)[0]
         problem.joints.close(loading)
-        problem.load_factor.fill_(0.3)
-        np.testing.assert_array_equal(problem.evaluate(x)[0], same)
+        with problem.at_load(0.3):
+            np.testing.assert_array_equal(problem.evaluate(x)[0], same)
 
 
 @pytest.mark.parametrize("number", [25, 41])  # joints of all kinds, tubes, bases that are turned

@@ -31,7 +31,6 @@ def problem_of(robot, integrator, count, **options):
     rotation = rng.uniform(-1, 1, (count, robot.rod_count))
     inputs = robot.inputs(rotation=rotation, tip_force=rng.normal(size=(count, 3)) * np.geomspace(0.01, 1, count)[:, None])
     problem = robot.problem(inputs, integrator=integrator, pose_sensitivities=True, direction_count=2, **options)
-    problem.load_factor.fill_(1.0)
     problem.unknowns.assign(problem.guess() + rng.normal(size=problem.unknowns.shape))
     directions = np.zeros(problem.directions.shape)
     directions[:, 0, problem.input_slice("translation")] = 1.0

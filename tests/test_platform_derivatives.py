@@ -76,7 +76,6 @@ def test_columns_at_fixed_unknowns(scene, name):
     step = 2e-3
     other = varied(scene, name, step)
     problem = other.problem(other.inputs(**given), integrator=FEW, pose_sensitivities=True)
-    problem.load_factor.fill_(1.0)
     residual, _ = problem.evaluate(np.broadcast_to(x, (108, problem.unknown_count)))
     turned = Rotation.from_matrix(problem.read("rotation").reshape(108, 3, 3) @ R.T).as_rotvec()
     pose = np.concatenate([problem.read("position"), turned], axis=1)

@@ -276,7 +276,6 @@ def everything(length, stiffness):
         transmission=True, direction_count=3, pose_sensitivities=True,
     )  # fmt: skip
     rng = np.random.default_rng(0)
-    problem.load_factor.fill_(1.0)
     problem.unknowns.assign(rng.normal(size=problem.unknowns.shape) / length)
     directions = rng.normal(size=problem.directions.shape)
     scales = {"rotation": 1.0, "translation": length, "gravity": 1.0, "distributed_force": weight, "distributed_moment": force}

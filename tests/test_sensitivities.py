@@ -111,17 +111,16 @@ def check(found, expected, what):
 @pytest.mark.parametrize("factor", [1.0, 0.6])
 def test_gamma_and_pose_columns_are_derivatives(scene, difference, factor):
     problem, x, _ = scene
-    problem.load_factor.fill_(factor)
-    _, gamma = problem.evaluate(x)
-    columns = problem.pose_columns.numpy()[0].copy()
-    for k in range(problem.unknown_count):
-        step = np.zeros_like(x)
-        step[0, k] = 1.0
-        residual, position, turn = rates(difference, lambda t, step=step: outputs(problem, x + t * step), 0.05)
-        check(gamma[0, :, k], residual, f"Gamma[:, {k}]")
-        check(columns[:3, k], position, f"position by x{k}")
-        check(columns[3:, k], turn, f"rotation by x{k}")
-    problem.load_factor.fill_(1.0)
+    with problem.at_load(factor):
+        _, gamma = problem.evaluate(x)
+        columns = problem.pose_columns.numpy()[0].copy()
+        for k in range(problem.unknown_count):
+            step = np.zeros_like(x)
+            step[0, k] = 1.0
+            residual, position, turn = rates(difference, lambda t, step=step: outputs(problem, x + t * step), 0.05)
+            check(gamma[0, :, k], residual, f"Gamma[:, {k}]")
+            check(columns[:3, k], position, f"position by x{k}")
+            check(columns[3:, k], turn, f"rotation by x{k}")
 
 
 def test_input_directions_are_derivatives(scene, difference):

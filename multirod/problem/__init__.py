@@ -10,7 +10,7 @@ from multirod.problem.boundary import (
     Block,
     BoundaryProblem,
 )
-from multirod.problem.buffers import SMALL
+from multirod.problem.buffers import SMALL, Buffers
 from multirod.problem.shapes import LineShape, Shape
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "TOLERANCE",
     "Block",
     "BoundaryProblem",
+    "Buffers",
     "LineShape",
     "Shape",
 ]

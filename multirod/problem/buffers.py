@@ -38,10 +38,10 @@ BUFFERS = (
 
 
 class Buffers(Uncopied):
-    """Arrays of all instances; the first axis of each is the instance. Kernels take them as they are, NumPy by ``read`` and
-    ``write``.
+    """The arrays of a boundary problem: the first axis of each is the instance.
 
-    What says which instances are evaluated, and at which load, is set within ``only``, ``focused`` and ``at_load``.
+    Kernels take them as they are, NumPy by ``read`` and ``write``. What says which instances are evaluated, and at which load, is
+    set within ``only``, ``focused`` and ``at_load``.
 
     Attributes:
         unknown_count: Unknowns ``n`` of an instance, and residuals.

@@ -116,7 +116,7 @@ class Entities:
         sound = np.isfinite(positions).all(axis=1)
         self._send(path, index, rr.Points3D.columns(positions=positions[sound]).partition(sound.astype(int)))
 
-    def spread(self, path: str, index: "Index", force: FloatArray, covariances: FloatArray) -> None:
+    def ellipsoid(self, path: str, index: "Index", force: FloatArray, covariances: FloatArray) -> None:
         """The ellipsoid about an arrow's end that has 95 % of the force, in newtons as the arrow."""
         import rerun as rr
 

@@ -182,7 +182,7 @@ class Writer:
                         spread = np.array([said.covariances[load.name] for said in remarks[rows]])
                         if load.name == "follower_force":
                             spread = rotations[rows, k] @ spread @ rotations[rows, k].swapaxes(1, 2)
-                        self._entities.spread(f"{stage.load(k, load)}/spread", index, force[rows, k], spread)
+                        self._entities.ellipsoid(f"{stage.load(k, load)}/spread", index, force[rows, k], spread)
                 if remarks and remarks[0].target is not None:
                     self._entities.points(stage.world("target", k), index, targets(remarks[rows]))
                     self._entities.path(stage.world("target_path", k), index, targets(remarks[rows]))

@@ -16,7 +16,7 @@ from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.running.simulation import solve
 from multirod.solvers.continuation import Branch
 from multirod.solvers.shooting import Shooting
-from multirod.solvers.starting import ROUND, SAME, STARTS, Catalogue, converge, degrees, limits
+from multirod.solvers.starting import MOST_STARTS, SAME_WITHIN, STARTS_IN_A_ROUND, Catalogue, converge, degrees, limits
 from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.studies.critical_loads import natural_start, unloaded, within
@@ -24,7 +24,7 @@ from multirod.validation import Described, FloatArray, device_name, frozen, posi
 
 FOLLOWED = 32  # branches through equilibria that were found, where the signs tell of others
 FOLLOWED_STEPS = 400  # of each
-REACH = 2 * np.pi  # how far a rotation is turned along a branch; loads: to twice, and to none
+ROTATION_REACH = 2 * np.pi  # how far a rotation is turned along a branch; loads: to twice, and to none
 
 
 class Equilibria(Solution[Robot_co]):
@@ -81,7 +81,7 @@ class Equilibria(Solution[Robot_co]):
 
 
 def equilibria(
-    robot: Robot, inputs: Inputs | None = None, *, starts: int = STARTS, solver: Shooting | None = None, device: str = "cpu"
+    robot: Robot, inputs: Inputs | None = None, *, starts: int = MOST_STARTS, solver: Shooting | None = None, device: str = "cpu"
 ) -> Equilibria[Robot]:
     """All equilibria that Newton's method finds from many starts, the one of lowest potential energy first.
 
@@ -126,12 +126,12 @@ def equilibria(
         refuse(
             "inputs", Described(f"leading axes {batch}"), "there must be none: ask for the equilibria of one instance at a time"
         )
-    count = min(ROUND, positive_int("starts", starts))
+    count = min(STARTS_IN_A_ROUND, positive_int("starts", starts))
     problem = robot.problem(_repeated(inputs, count), integrator=method.integrator, device=device)
     guesses = problem.starts
     if guesses is None:
         raise TypeError(f"{type(robot).__name__} offers no starts: its problem's starts are None")
-    limit = limits(guesses.guesses(ROUND)[:, :1])
+    limit = limits(guesses.guesses(STARTS_IN_A_ROUND)[:, :1])
     newton = method.newton(problem)
     tolerance = float(problem.tolerance(method.tolerance)[0])
     alone = robot.problem(inputs, integrator=method.integrator, device=device)
@@ -208,7 +208,7 @@ def _different(found: Solution) -> list[int]:
     """Numbers of those that are not found before, but for a wrong sign of ``determinant``."""
     result: list[int] = []
     for k, (x, index) in enumerate(zip(found.unknowns, found.index, strict=True)):
-        near = SAME * max(1.0, float(np.abs(x).max()))
+        near = SAME_WITHIN * max(1.0, float(np.abs(x).max()))
         if not any(index == found.index[j] and np.abs(x - found.unknowns[j]).max() <= near for j in result):
             result.append(k)
     return result
@@ -224,7 +224,7 @@ def _search_on(catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Sh
     rates = [(here - unloaded_, 1.0)] if (here != unloaded_).any() else []
     place = problem.input_slice("rotation")
     # turned all together, tubes without loads stay as they are
-    rates += [(np.eye(len(here))[k], REACH) for k in range(place.start + (not rates), place.stop)]
+    rates += [(np.eye(len(here))[k], ROTATION_REACH) for k in range(place.start + (not rates), place.stop)]
     outcome = within(method, budget).solve(problem)
     budget.spend(int(outcome.integrations[0]))
     problem.budget = budget

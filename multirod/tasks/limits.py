@@ -21,7 +21,7 @@ SHORTEST = 1e-3  # of its length, what of a rod stays in use
 ROUNDING = 1e-14  # in units (9)
 PROJECTIONS = 1000
 MOST_KNOWN = 64  # rows that are kept for who asks for the same again
-SAME = 1e-9  # of what counts as one, what a start may be beyond a limit by rounding
+ROUNDING_BEYOND = 1e-9  # of what counts as one, what a start may be beyond a limit by rounding
 
 
 class Limits:
@@ -270,7 +270,7 @@ def refuse_start(field: str, rows: LimitRows, values: FloatArray, robot: Assembl
     if ((rows.low <= places) & (places <= rows.high)).all():
         return
     beyond = rows.outside(values, input_units(robot, free))
-    wrong = np.argwhere(beyond > SAME)
+    wrong = np.argwhere(beyond > ROUNDING_BEYOND)
     if len(wrong):
         instance, row = wrong[0]
         at = float(values[instance] @ rows.matrix[row])
@@ -286,7 +286,7 @@ def nearest(rows: LimitRows, values: FloatArray, unit: FloatArray) -> FloatArray
     """
     G, x = rows.matrix * unit, np.atleast_2d(values / unit)
     square = (G**2).sum(axis=1)
-    inset = np.minimum(SAME * np.abs(G).sum(axis=1), 0.25 * (rows.high - rows.low))
+    inset = np.minimum(ROUNDING_BEYOND * np.abs(G).sum(axis=1), 0.25 * (rows.high - rows.low))
     low, high = rows.low + inset, rows.high - inset
     shift = np.zeros((len(G), *x.shape))
     for _ in range(PROJECTIONS):

@@ -8,7 +8,7 @@ import warp as wp
 from multirod.kernels.linear_algebra_kernels import eliminate
 
 f64 = wp.float64
-ROUNDED = 1e-12  # of the largest number of a row: what of a limit is rounding
+ROW_ROUNDING = 1e-12  # of the largest number of a row: what of a limit is rounding
 
 
 @wp.struct
@@ -76,7 +76,7 @@ def slack(q: Programme, i: int, t: int) -> f64:
         size = wp.abs(q.low[t, i])
     if wp.isfinite(q.high[t, i]):
         size = wp.max(size, wp.abs(q.high[t, i]))
-    return f64(wp.static(ROUNDED)) * (f64(1.0) + size)
+    return f64(wp.static(ROW_ROUNDING)) * (f64(1.0) + size)
 
 
 @wp.func(inline=False)
@@ -151,7 +151,7 @@ def keep_limits(q: Programme, t: int):
                     if -f64(q.held[t, i]) * multiplier > turned:
                         turned = -f64(q.held[t, i]) * multiplier
                         worst = i
-            if turned <= f64(wp.static(ROUNDED)) * (f64(1.0) + largest):
+            if turned <= f64(wp.static(ROW_ROUNDING)) * (f64(1.0) + largest):
                 return
             q.held[t, worst] = 0
 

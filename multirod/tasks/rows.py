@@ -15,7 +15,7 @@ from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, refuse
 
 SMALLEST_AXIS = 1e-100  # whose square still is a number
-NEAR = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
+SERIES_BELOW = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
 
 
 class Rows(Protocol):
@@ -169,7 +169,7 @@ def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray
     cosine = (axis * tangent).sum(axis=-1)
     turned = cross(axis, tangent)
     u = 1 - cosine
-    near = u < NEAR
+    near = u < SERIES_BELOW
     angle = np.arctan2(np.linalg.norm(turned, axis=-1), cosine)
     back = cosine <= BACK
     sine2 = np.where(near | back, 1.0, 1 - cosine**2)

@@ -4,7 +4,7 @@
 import warp as wp
 
 f64 = wp.float64
-NEAR = 0.4  # left side of (17), up to which the matrix that samples are compared with stays
+REFERENCE_KEPT = 0.4  # left side of (17), up to which the matrix that samples are compared with stays
 SURE = 0.8  # up to which no mode was lost; at 1 one may be: the rest is for what a sample's correction adds
 FAR = 0.1  # correction, of unknowns in scales of curvature, of values in units (9), that takes a sample where Gamma is not known;
 # and the way of samples in a row that need not be compared, where (17) grows as it did
@@ -70,12 +70,12 @@ def strayed(w: Watched, gamma: wp.array3d[wp.float64], t: int, gone: f64) -> int
     w.path[t, 0] = w.path[t, 0] + gone
     on = w.path[t, 0] - w.path[t, 1]
     if w.path[t, 1] > f64(0.0) and on < f64(wp.static(FAR)):
-        if w.path[t, 2] * (f64(1.0) + f64(2.0) * on / w.path[t, 1]) < f64(wp.static(NEAR)):
+        if w.path[t, 2] * (f64(1.0) + f64(2.0) * on / w.path[t, 1]) < f64(wp.static(REFERENCE_KEPT)):
             return wp.static(NOTHING)
     far_off(gamma, w.anchor, w.inverse, w.scale, w.room, t, f64(wp.static(SURE * SURE)))
     found = wp.sqrt(w.room[t, 0, 0])
     w.path[t, 1] = w.path[t, 0]
     w.path[t, 2] = found
-    if found < f64(wp.static(NEAR)):
+    if found < f64(wp.static(REFERENCE_KEPT)):
         return wp.static(NOTHING)
     return wp.where(found < f64(wp.static(SURE)), wp.static(NEXT), wp.static(LOOK))

@@ -17,14 +17,13 @@ from multirod.stability import Stability, StabilityAnalysis
 from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
-STARTS = 2048
+MOST_STARTS = 2048  # of one search
 TOGETHER = 32  # instances of which all starts of a round are run at once
-ROUND = 128  # starts after which it is asked whether more are needed
+STARTS_IN_A_ROUND = 128  # starts after which it is asked whether more are needed
 SILENT_ROUNDS = 2  # that have to bring nothing new
-SAME = (
-    1e-5  # largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
-)
-NEAR = 1e-2  # further apart, relative, two results are never one
+# largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
+SAME_WITHIN = 1e-5
+NEVER_SAME_BEYOND = 1e-2  # further apart, relative, two results are never one
 RESIDUALS = 4.0  # by how many tolerances the residuals of one equilibrium found twice may differ
 WANDERING = 2.0  # times the largest start: an instance beyond goes no further
 SETTLED, SETTLED_ROUND = 16, 4  # places at which what comes apart is put together, until a stable equilibrium is found
@@ -79,11 +78,11 @@ class Catalogue:
         for other, other_sign, other_gamma in zip(self.unknowns, self.signs, self._gammas, strict=True):
             apart = unknowns - other
             distance = float(np.abs(apart).max())
-            if sign != other_sign or distance > NEAR * size:
+            if sign != other_sign or distance > NEVER_SAME_BEYOND * size:
                 continue
             # of one equilibrium, a residual within the tolerance leaves that much where Gamma is nearly singular
             residual = max(float(np.abs(matrix @ apart).max()) for matrix in (gamma, other_gamma))
-            if distance <= SAME * size or residual <= RESIDUALS * self.tolerance:
+            if distance <= SAME_WITHIN * size or residual <= RESIDUALS * self.tolerance:
                 return
         curve = None if self._problem is None else Curve.through(self._problem, unknowns, gamma)
         self._take(unknowns, gamma, sign, curve)
@@ -263,19 +262,19 @@ def _converged(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> li
     assert problem.parts is not None
     tolerance = newton.state.tolerance.numpy()
     catalogues = [Catalogue(degree, float(least)) for degree, least in zip(degrees(problem), tolerance, strict=True)]
-    limit = limits(starts.guesses(ROUND))
+    limit = limits(starts.guesses(STARTS_IN_A_ROUND))
     allowed = newton.allowed()
     open_ = np.arange(problem.instance_count)
-    for first in range(0, STARTS, ROUND):
-        spent = outcome.integrations[open_] + ROUND * PATIENCE > allowed[open_]
+    for first in range(0, MOST_STARTS, STARTS_IN_A_ROUND):
+        spent = outcome.integrations[open_] + STARTS_IN_A_ROUND * PATIENCE > allowed[open_]
         outcome.status[open_[spent]] = Status.INTEGRATION_LIMIT
         open_ = open_[~spent]
         if not len(open_):
             break
-        rows = np.repeat(open_, ROUND)
+        rows = np.repeat(open_, STARTS_IN_A_ROUND)
         trial = problem.parts.of(rows)
         method = newton.of(trial, rows)
-        guesses = np.swapaxes(starts.guesses(ROUND, first)[:, open_], 0, 1).reshape(len(rows), -1)
+        guesses = np.swapaxes(starts.guesses(STARTS_IN_A_ROUND, first)[:, open_], 0, 1).reshape(len(rows), -1)
         reached = converge(trial, method, guesses, np.ones(len(rows), dtype=bool), limit[rows])
         counts = method.outcome()
         np.add.at(outcome.iterations, rows, counts.iterations)

@@ -9,7 +9,7 @@ from multirod.kernels.failure_kernels import failure_of
 from multirod.models.rotation_kernels import rotation_from_vector, rotation_vector
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import across, axis_rows, condense, position_rows, rotation_rows, tilt
-from multirod.tasks.controlling.control_step_kernels import NEAR, SHORT, Control, bounded, factor, place_start
+from multirod.tasks.controlling.control_step_kernels import LEFT_OVER, ON_TARGET, Control, bounded, factor, place_start
 from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, strayed
 
 f64 = wp.float64
@@ -158,10 +158,10 @@ def tell(s: Control, t: int):
             for j in range(k):
                 if s.step.limits[i, j] != f64(0.0):
                     s.told[t, wp.static(FREE) + 7 * k + j] = f64(1.0)
-    near = f64(wp.static(NEAR))
+    near = f64(wp.static(ON_TARGET))
     s.told[t, wp.static(ERROR)] = wp.where(first > 0, wp.sqrt(off) / s.weight[0], f64(wp.nan))
     s.told[t, wp.static(ANGLE)] = wp.where(m > first, wp.sqrt(angle) / s.weight[1], f64(wp.nan))
-    if held == 0 and short > wp.max(near, f64(wp.static(SHORT)) * asked):
+    if held == 0 and short > wp.max(near, f64(wp.static(LEFT_OVER)) * asked):
         s.told[t, wp.static(SINGULAR)] = f64(1.0)
     if held != 0 and short > near:
         s.told[t, wp.static(HELD)] = f64(1.0)

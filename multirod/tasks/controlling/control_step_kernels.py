@@ -11,8 +11,8 @@ from multirod.tasks.watch_kernels import Watched
 f64 = wp.float64
 SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what moves the tip most is damped
 LONGEST = 0.3  # step of a sample, in units (9)
-NEAR = 1e-6  # of a target [1/m], within which a limit does not hold it back
-SHORT = 1e-3  # part of what is asked for that a step leaves over where nothing else holds it: the task is singular
+ON_TARGET = 1e-6  # of a target [1/m], within which a limit does not hold it back
+LEFT_OVER = 1e-3  # part of what is asked for that a step leaves over where nothing else holds it: the task is singular
 
 
 @wp.struct
@@ -83,7 +83,7 @@ def leaves_over(s: Control, t: int) -> bool:
         for j in range(s.step.J.shape[2]):
             left += s.step.J[t, i, j] * s.step.sides[t, j, 0]
         short = wp.max(short, wp.abs(left))
-    return short > f64(wp.static(SHORT)) * asked
+    return short > f64(wp.static(LEFT_OVER)) * asked
 
 
 @wp.func(inline=False)

@@ -29,7 +29,7 @@ from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, OFFSE
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import plain, turned
-from multirod.tasks.limits import SAME, LimitRows, Limits, freed_labels, limit_rows, nearest, refuse_start, told
+from multirod.tasks.limits import ROUNDING_BEYOND, LimitRows, Limits, freed_labels, limit_rows, nearest, refuse_start, told
 from multirod.tasks.rows import SMALLEST_AXIS, Pose
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
@@ -40,7 +40,7 @@ LAG = 5.0  # samples, of the correction by default
 OWN = "position", "rotation", "axis", "measured_position", "measured_rotation"  # of a sample, beside inputs
 # shared by all samples
 CODES: list[Any] = [frozen(np.array([code], dtype=np.int32)) for code in range(max(Status) + 1)]
-ALONE = np.arange(1)  # of instances, the only one
+THE_ONE = np.arange(1)  # the number of the only instance
 ONCE, TWICE = (frozen(np.array([count], dtype=np.int32)) for count in (1, 2))
 
 
@@ -194,9 +194,9 @@ class Controller(Uncopied, Generic[Robot_co]):
         """At a stable equilibrium, as far as that can be said."""
         self._task.evaluate(x, p)
         gamma = self._watch.gamma()
-        if self._watch.unstable(ALONE).any():
+        if self._watch.unstable(THE_ONE).any():
             refuse(field, Described("an unstable equilibrium"), "must be stable: a robot would leave it")
-        self._watch.keep(ALONE, gamma)
+        self._watch.keep(THE_ONE, gamma)
         self._task.write(x, p)
 
     def _refuse_shape(self, limits: Limits, unknowns: FloatArray) -> None:
@@ -217,7 +217,7 @@ class Controller(Uncopied, Generic[Robot_co]):
     def _within(self, given: Inputs) -> Inputs:
         """The inputs by default, those that are free as near to that as limits allow."""
         p = np.concatenate([given.array(name) for name in self.free])
-        if not (self._rows.outside(p[None], self._unit) > SAME).any():
+        if not (self._rows.outside(p[None], self._unit) > ROUNDING_BEYOND).any():
             return given
         return with_values(given, self.free, nearest(self._rows, p, self._unit))
 
@@ -335,7 +335,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             record, told, status, doubt = self._step.launch(kind)
             spent = ONCE
             if doubt == NEXT:
-                self._watch.keep(ALONE, self._watch.gamma())
+                self._watch.keep(THE_ONE, self._watch.gamma())
             elif doubt == LOOK:
                 spent = TWICE
                 if self._unstable(record):
@@ -374,9 +374,9 @@ class Controller(Uncopied, Generic[Robot_co]):
             problem.write(name, record[:, fields[name]])
         problem.integrate()
         gamma = self._watch.gamma()
-        unstable = not self._watch.near(ALONE, gamma)[0] and bool(self._watch.unstable(ALONE)[0])
+        unstable = not self._watch.near(THE_ONE, gamma)[0] and bool(self._watch.unstable(THE_ONE)[0])
         if not unstable:
-            self._watch.keep(ALONE, gamma)
+            self._watch.keep(THE_ONE, gamma)
         for name, values in zip(names, ahead, strict=True):
             problem.write(name, values)
         return unstable

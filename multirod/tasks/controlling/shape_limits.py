@@ -16,8 +16,9 @@ from multirod.validation import FloatArray
 
 NODES = 101  # of each rod, where its curvature is looked at
 PROBE = 1e-3  # in units (9): steps of the differences (18)
-NEAR = 0.1  # room, of a limit of the curvature or in stability margin, below which (18) is asked for
-LEAST = 1e-4  # of that room, which a command that is accepted leaves: what a look is off to higher order, and rounding, after it
+ASKED_BELOW = 0.1  # room, of a limit of the curvature or in stability margin, below which (18) is asked for
+# of that room, which a command that is accepted leaves: what a look is off to higher order, and rounding, after it
+LEAST_ROOM = 1e-4
 INSET = 2e-3  # of that room, which steps leave: what they are off to second order
 
 
@@ -118,7 +119,7 @@ class ShapeLimits:
     def accepts(self, found: Look, last: FloatArray) -> bool:
         """Whether a command is within all limits: else the next steps are half as long as the one from ``last`` (k,), from then
         on each twice as long as the one before."""
-        accepted = found.leaves(LEAST)
+        accepted = found.leaves(LEAST_ROOM)
         if accepted:
             self.longest = min(2 * self.longest, LONGEST)
         else:
@@ -129,7 +130,7 @@ class ShapeLimits:
     def rows(self, found: Look) -> tuple[FloatArray, FloatArray]:
         """(18) ``matrix p <= high``, shapes (count, k) and (count,), of steps from a command."""
         matrix, high = np.zeros((self.count, len(self._unit))), np.full(self.count, np.inf)
-        near = found.room < NEAR if self.longest == LONGEST else np.ones(self.count, dtype=bool)
+        near = found.room < ASKED_BELOW if self.longest == LONGEST else np.ones(self.count, dtype=bool)
         if near.any():
             places, step = self._probes.places, PROBE * self._unit
             many = np.repeat(found.inputs, len(step), axis=0)

@@ -14,8 +14,8 @@ from multirod.tasks.programme_kernels import make_keeping
 from multirod.validation import FloatArray
 
 SOFTNESS = 1e-14  # of the largest number squared: bounds a step along what nothing is told of, and slows none that is told of
-NEAR = 1e-8  # in units (9), what still is at a limit
-ROUNDED = 1e-12  # likewise, what of a number is rounding where it is at its limit
+AT_LIMIT = 1e-8  # in units (9), what still is at a limit
+LIMIT_ROUNDING = 1e-12  # likewise, what of a number is rounding where it is at its limit
 INSET = 1e-10  # likewise: limits of several numbers together are kept by so much, which rounding does not use up
 HOST = "cpu"  # where steps of estimates are planned, whatever device integrates
 
@@ -32,7 +32,7 @@ class Bounds:
         self.rows = rows
         size = np.abs(rows.matrix) @ unit
         inset = np.minimum(INSET * size, 0.25 * (rows.high - rows.low)) * ((rows.matrix != 0).sum(axis=1) > 1)
-        self._near, self._low, self._high, self._unit = NEAR * size, rows.low + inset, rows.high - inset, unit
+        self._near, self._low, self._high, self._unit = AT_LIMIT * size, rows.low + inset, rows.high - inset, unit
 
     def at_limit(self, values: FloatArray) -> NDArray[np.bool_]:
         """Which numbers ``p`` (..., k) take part in a limit that they are at, or beyond, shape (..., k); none where they are
@@ -49,7 +49,7 @@ class Bounds:
             own = np.flatnonzero(row)
             if len(own) == 1:
                 k = own[0]
-                at, rounded = result[:, k], ROUNDED * self._unit[k]
+                at, rounded = result[:, k], LIMIT_ROUNDING * self._unit[k]
                 for end in (low, high):
                     at = np.where(np.abs(at - end) <= rounded, end, at)
                 result[:, k] = np.clip(at, np.minimum(low, before[:, k]), np.maximum(high, before[:, k]))

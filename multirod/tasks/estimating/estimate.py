@@ -30,7 +30,7 @@ from multirod.types import Numbers, StatusOrArray
 from multirod.validation import Described, FloatArray, choice, device_name, frozen, instance, positive_int, refuse
 
 SEEN = 0.5  # of the prior's variance: where more is kept, the prior says more than the measurements
-ROUNDED = 1e-9  # of the largest of some numbers, what is not shown
+NOT_SHOWN = 1e-9  # of the largest of some numbers, what is not shown
 FORCES = ("tip_force", "follower_force")  # whose covariance can be drawn
 
 
@@ -342,5 +342,5 @@ def _refuse_more(priors: Mapping[str, Prior], inputs: Inputs, rows: int) -> None
 
 def _numbers(values: FloatArray) -> str:
     """Numbers, four digits each, and zero for what is rounding."""
-    least = ROUNDED * np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    least = NOT_SHOWN * np.abs(values[np.isfinite(values)]).max(initial=0.0)
     return "(" + ", ".join(f"{0.0 if abs(value) <= least else value:.4g}" for value in values) + ")"

@@ -164,7 +164,7 @@ def reach(
     except ValueError:
         refuse("target", Described(f"leading axes {target.batch_shape}"), f"must broadcast with the inputs' {given.batch_shape}")
     rows, unit, problem_options = known_rows(robot, limits, free)
-    begin = np.concatenate([_each(getattr(given, name), shape) for name in free], axis=-1)
+    begin = np.concatenate([_with_axes(getattr(given, name), shape) for name in free], axis=-1)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
     centre = middle(rows) if prefer == "middle" else None
     if prefer == "smallest tension":
@@ -172,7 +172,7 @@ def reach(
     if centre is not None and np.isnan(centre).any():
         refuse("prefer", prefer, "needs limits on both sides of every freed input, which have a middle")
     first = solve(robot, given, solver=method, threads=threads, device=device, progress=False) if guess is None else guess
-    unknowns = _each(first.unknowns, shape).reshape(-1, first.unknown_count)
+    unknowns = _with_axes(first.unknowns, shape).reshape(-1, first.unknown_count)
     work = Work(
         robot=robot,
         target=target,
@@ -210,7 +210,7 @@ def _slack(robot: Assembly, free: tuple[str, ...], begin: FloatArray) -> FloatAr
     return np.where(others, begin[0] if len(begin) else 0.0, 0.0)
 
 
-def _each(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+def _with_axes(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Rows (..., n) with these leading axes."""
     return values if values.shape[:-1] == shape else np.broadcast_to(values, (*shape, values.shape[-1]))
 
