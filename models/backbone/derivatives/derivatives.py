@@ -22,7 +22,6 @@ class BackboneDerivatives:
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
-
         self.followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._designs: dict[str, Designs] = {}
 
