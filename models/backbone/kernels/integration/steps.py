@@ -43,7 +43,7 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     MOMENT_AT, MOMENT_SIZE = (s["moment"], 3) if MOMENT else (s["torques"], TORQUES)
     UNIT_LENGTH = z["unit_length"]
     UNIT_OF = {"moment": z["unit_moment"], "force": z["unit_force"], "length": UNIT_LENGTH, "1": -1}
-    CONTROLLED_SLOTS = [slot for slot in s.slots if slot.controlled]
+    BLOCKS = [(s[slot.name], slot.size, UNIT_OF[slot.unit]) for slot in s.slots if slot.controlled]  # where, how many, by what
     X, LENGTH, SIZE, LEFT = steps["x"], steps["length"], steps["size"], steps["left"]
     ACTIVE, COUNT, REJECTED, LONGEST = steps["active"], steps["count"], steps["rejected"], steps["longest"]
     CONTROLLED = steps["controlled"]
@@ -68,15 +68,20 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
         return block(e, first, count) / (atol * unit + rtol * block(b, first, count))
 
     @wp.func
+    def unit_of(memory: memory_type, z: int, at: int) -> Real:
+        """What counts as one: a number of the stretch, or one."""
+        if at < 0:
+            return fill(d(1.0))
+        return row(memory, z + at)
+
+    @wp.func
     def step_error(memory: memory_type, z: int, e: State, b: State, rtol: d, atol: d) -> Real:
         """Largest error of a step over what is allowed, of the state but not of its columns."""
         error = fill(d(0.0))
-        for j in range(wp.static(len(CONTROLLED_SLOTS))):
-            unit = fill(d(1.0))
-            if wp.static(UNIT_OF[CONTROLLED_SLOTS[j].unit] >= 0):
-                unit = row(memory, z + wp.static(UNIT_OF[CONTROLLED_SLOTS[j].unit]))
-            first = wp.static(layout.state[CONTROLLED_SLOTS[j].name])
-            error = largest(error, block_error(e, b, first, wp.static(CONTROLLED_SLOTS[j].size), unit, rtol, atol))
+        for j in range(wp.static(len(BLOCKS))):  # written out: places are constants, or the numbers would go through memory
+            unit = unit_of(memory, z, wp.static(BLOCKS[j][2]))
+            own = block_error(e, b, wp.static(BLOCKS[j][0]), wp.static(BLOCKS[j][1]), unit, rtol, atol)
+            error = largest(error, own)
         total = fill(d(0.0))
         for j in range(wp.static(layout.state.size)):
             total = total + part(e, wp.static(j))
