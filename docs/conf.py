@@ -61,8 +61,8 @@ def directive(name: str) -> str:
     options = ["members"]
     options += ["undoc-members"] * issubclass(thing, IntEnum)
     options += ["show-inheritance"] * any(map(public, thing.__bases__))
-    own = [base for base in thing.__bases__ if base.__module__.startswith("multirod.") and not public(base)]
-    options += ["inherited-members"] * bool(own or (issubclass(thing, mr.Assembly) and thing is not mr.Assembly))
+    inherits = thing is mr.Solution or (issubclass(thing, mr.Assembly) and thing is not mr.Assembly)  # from what has no entry
+    options += ["inherited-members"] * inherits
     return f".. autoclass:: multirod.{name}\n" + "".join(f"   :{option}:\n" for option in options)
 
 
