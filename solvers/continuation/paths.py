@@ -14,6 +14,7 @@ from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path
 from multirod.solvers.newton.iteration import Newton, narrowing
+from multirod.solvers.newton.rounds import Rounds
 from multirod.status import BoolArray, Status, failures
 from multirod.validation import FloatArray
 
@@ -66,7 +67,8 @@ class Paths:
         state.halfway = wp.zeros(newton.state.gamma.shape, dtype=wp.float64, device=device)
         state.max_steps = max_steps
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
-        self._remaining = state.remaining.numpy() if wp.get_device(device).is_cpu else None
+        self._rounds = Rounds(problem, state.remaining)
+        self._remaining = self._rounds.remaining
         self._in_place: dict[str, Any] = {}
         if wp.get_device(device).is_cpu:
             names = (
@@ -257,27 +259,16 @@ class Paths:
             self._launch = record(self._make, problem.instance_count, [state, Calls(), 0], problem.device)
         else:
             self._launch.set_param_at_index(0, state)
-            self._launch.set_dim(problem.instance_count)
-        launch, dim = self._launch, problem.instance_count
+        launch = self._launch
+        self._rounds.aim(launch)
         if state.departing:
             launch.launch()
             state.departing = 0
             launch.set_param_at_index(0, state)
         remaining, rounds = 1, 0
         while remaining:
-            if self._remaining is not None:
-                self._remaining[0] = 0
-            else:
-                state.remaining.zero_()
-            if not integrated:
-                problem.integrate()
+            remaining = self._rounds.take(launch, self._eliminate, integrated=integrated)
             integrated = False
-            self._eliminate()
-            if dim != problem.listed:
-                dim = problem.listed
-                launch.set_dim(dim)
-            launch.launch()
-            remaining = int(self._remaining[0] if self._remaining is not None else state.remaining.numpy()[0])
             if self.handed is not None:
                 if rounds == 0:
                     unloaded = self._newton.gamma()

@@ -15,6 +15,7 @@ from multirod.solver import Outcome
 from multirod.solvers.newton.bordered_kernels import front_width
 from multirod.solvers.newton.eliminated import Eliminated
 from multirod.solvers.newton.newton_kernels import CHANGE_POWERS, LARGE_CHANGE, PROBES, NewtonState, Sample, make_newton
+from multirod.solvers.newton.rounds import Rounds
 from multirod.status import BoolArray, IntArray, Status
 from multirod.validation import FloatArray
 
@@ -84,7 +85,6 @@ class Newton:
         self._bound: tuple[Any, ...] | None = None  # launches that ``_calls`` calls
         self._calls: Any = None
         self._loop: Any = None
-        self._dim = count
         self._first_values: Any = None
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
         self._given_tolerance = tolerance
@@ -95,7 +95,8 @@ class Newton:
         state.max_iterations = max_iterations
         state.line_search = int(line_search)
         self.slow = SLOW if problem.may_jump else LARGE_CHANGE
-        self._remaining = state.remaining.numpy() if on_cpu else None
+        self._rounds = Rounds(problem, state.remaining)
+        self._remaining = self._rounds.remaining
         self._starting = (self._counters.numpy(), self._measures.numpy(), problem.active.numpy()) if on_cpu else None
         self._counts = list(self._counters.numpy()) if on_cpu else None
         self._doubts = (state.change.numpy(), state.contraction.numpy()) if on_cpu else None
@@ -314,19 +315,13 @@ class Newton:
         self.state.active.assign(np.where(chosen, 0, active).astype(np.int32))
 
     def _iterate(self) -> int:
-        if self._remaining is not None:
-            self._remaining[0] = 0
-        else:
-            self.state.remaining.zero_()
-        self.problem.integrate()
+        return self._rounds.take(self._launch, self._eliminate)
+
+    def _eliminate(self) -> None:
+        """Have what the kernel asks of ``Gamma`` found, where the problem offers ``elimination``."""
         if self.eliminated is not None:
             others = [(self.state.reference.numpy(), self.state.has_reference.numpy() != 0)]
             self.eliminated.find(None, others, [(1.0, LARGE_CHANGE, CHANGE_POWERS)])
-        if self._dim != self.problem.listed:
-            self._dim = self.problem.listed
-            self._launch.set_dim(self._dim)
-        self._launch.launch()
-        return int(self._remaining[0] if self._remaining is not None else self.state.remaining.numpy()[0])
 
     def outcome(self) -> Outcome:
         """Copies of the counts and statuses."""
