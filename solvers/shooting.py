@@ -2,7 +2,6 @@
 
 from contextlib import nullcontext
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -109,7 +108,9 @@ class Shooting(Solver):
             newton.run(~beyond if beyond.any() else None)
         return newton.outcome()
 
-    def _first(self, problem: BoundaryProblem, newton: Newton, chosen: Any = None, *, poses_apart: bool = False) -> Outcome:
+    def _first(
+        self, problem: BoundaryProblem, newton: Newton, chosen: BoolArray | None = None, *, poses_apart: bool = False
+    ) -> Outcome:
         """Without a guess: the end of the natural branch, by one of two ways where there are two, or where it ends early and
         others are meant, the lowest stable one.
         """
@@ -242,7 +243,7 @@ class Shooting(Solver):
         problem: BoundaryProblem,
         newton: Newton,
         outcome: Outcome,
-        lost: Any,
+        lost: BoolArray,
         reached: FloatArray,
         unknowns: FloatArray,
         before: FloatArray | None = None,

@@ -90,7 +90,7 @@ class HeldClamps(Clamps):
         return result
 
     def costless(self) -> tuple[FloatArray, FloatArray] | None:
-        """(23) As said."""
+        """As said: (10) of ``docs/branches.md``, and to where (11) here wants it."""
         problem = self.problem
         neutral = problem.goal_is_neutral()
         if not neutral.any():

@@ -104,15 +104,17 @@ class Journey(Walk):
 
     def _run_damped(self, point: Point) -> Run:
         """The same by damped dynamics, (11), wherever the branch ends."""
-        for _ in range(MOST_EVENTS):
+        for landings in range(MOST_EVENTS):
             if point.level == 1:
-                self.status, self.end = Status.DAMPED, point
+                self.status, self.end = Status.DAMPED if landings else Status.CONVERGED, point
                 return
             step = FAR_BEYOND if self.by_inputs else FAR_BEYOND * max(point.level, FAR_BEYOND)
             landed = None
             while landed is None:
                 level = min(1.0, point.level + step)
                 most = min(SETTLING, self.allowed - self.integrations)
+                if most <= 0:
+                    raise Spent
                 found, taken = yield Settle(point.unknowns, level, most)
                 self._count(taken)
                 self.iterations += taken

@@ -139,14 +139,14 @@ class NewtonTrack(Track):
                 self.fresh &= ~(calm & np.isclose(own, problem.read("unknowns"), rtol=SAME, atol=SAME).all(axis=1))
         return self._keep(outcome)
 
-    def _turned(self) -> Any:
+    def _turned(self) -> BoolArray | None:
         """Which instances were turned too far since the last good sample; None if none was."""
         if self.inputs is None or not self.problem.may_jump:
             return None
         turned = self.problem.turning(self.inputs) > TURN
         return turned if turned.any() else None
 
-    def _continue(self, doubtful: Any, outcome: Outcome, before: FloatArray) -> None:
+    def _continue(self, doubtful: BoolArray, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
         self.newton.allow(self.options._left(outcome))
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
@@ -192,7 +192,7 @@ class NewtonTrack(Track):
         outcome.status[let_out(problem, newton, outcome, stuck, find)] = Status.LINES_TOO_SHORT
 
     @staticmethod
-    def _take_in(chosen: Any, again: Outcome, outcome: Outcome) -> None:
+    def _take_in(chosen: BoolArray, again: Outcome, outcome: Outcome) -> None:
         outcome.status[chosen] = again.status[chosen]
         outcome.iterations += again.iterations
         outcome.integrations += again.integrations
