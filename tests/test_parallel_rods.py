@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from test_check_assembly import check_assembly
 
 import multirod as mr
 from multirod.models.backbone.nodes.node_passes import NodePasses
@@ -756,3 +757,28 @@ def test_a_stalled_step_of_a_robot_tracked_from_a_guess_is_not_the_end_of_its_br
     status, integrations = np.array([mr.Status.BRANCH_END]), np.zeros(1, dtype=int)
     paths._doubt_ends(status, integrations)
     assert status[0] == mr.Status.STALLED
+
+
+def test_where_the_pose_is_given_the_drives_do_work_too():
+    """The potential changes by the force on the platform as it does by the translations that follow, and not by ``-p`` alone: the
+    kit does not ask for that. All else of the contract holds."""
+    poses = np.tile(np.eye(4), (2, 6, 1, 1))
+    for own, radius, degrees in zip(
+        poses, (0.08, 0.06), ((-10, 10, 110, 130, 230, 250), (-50, 50, 70, 170, 190, 290)), strict=True
+    ):
+        own[:, :2, 3] = radius * np.stack([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))], axis=1)
+    leg = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, axial_stiffness=2e3)
+    robot = mr.ParallelRods(legs=[leg] * 6, base=poses[0], platform=poses[1])
+    inverse, force, step = robot.inverse(), np.array([0.3, 0.2, -0.1]), 1e-3
+    given = {"platform_position": np.array([0.02, 0.01, 0.29]), "platform_rotation": (0.1, 0.05, 0.02)}
+    check_assembly(inverse, inverse.inputs(**given, tip_force=force), tip_rod=None, solvers=("shooting",))
+    sides = np.concatenate([np.eye(3), -np.eye(3)])
+    found = mr.solve(inverse, inverse.inputs(**given, tip_force=force + step * sides), solver=EXACT)
+    slope, follows = ((values[:3] - values[3:]) / (2 * step) for values in (found.potential, inverse.translations(found)))
+    there = inverse.translations(mr.solve(inverse, inverse.inputs(**given, tip_force=force), solver=EXACT))
+    moved = robot.inputs(tip_force=force, translation=there + 1e-5 * np.concatenate([np.eye(6), -np.eye(6)]))
+    driven = mr.solve(robot, moved, solver=EXACT).potential
+    by_drives = follows @ (driven[:6] - driven[6:]) / 2e-5
+    # differences of the second order leave some 1e-6 of what they are of
+    np.testing.assert_allclose(slope, by_drives - given["platform_position"], rtol=0, atol=1e-5 * np.abs(by_drives).max())
+    assert np.abs(by_drives).max() > 1e-5

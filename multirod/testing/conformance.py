@@ -238,9 +238,12 @@ def _shapes(study: Study) -> None:
 
 
 def _potential(study: Study) -> None:
-    """A dead force on the tip does the work that the potential loses: dV/dF + p is the same at two forces."""
+    """A dead force on the tip does the work that the potential loses: dV/dF + p is the same at two forces.
+
+    Not where the pose is given: drives that follow from it do work too.
+    """
     specs = {spec.name for spec in study.robot.input_specs}
-    if "tip_force" not in specs or not np.isfinite(study.solution.potential):
+    if "tip_force" not in specs or "platform_position" in specs or not np.isfinite(study.solution.potential):
         return
     force = np.asarray(study.inputs.tip_force)
     step = 1e-3 * max(1e-2, float(np.abs(force).max()))
