@@ -34,9 +34,10 @@ if _typing.TYPE_CHECKING:
     from multirod.models.assemblies.concentric_tubes import ConcentricTubes
     from multirod.models.assemblies.eccentric_tubes import EccentricTubes
     from multirod.models.assemblies.held_rod import HeldRod
+    from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
     from multirod.models.assemblies.multibackbone import multibackbone
     from multirod.models.assemblies.network import Network
-    from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
+    from multirod.models.assemblies.parallel_rods import ParallelRods
     from multirod.models.assemblies.single_rod import SingleRod
     from multirod.models.assemblies.stacked import stacked
     from multirod.models.backbone.kernels.loads.load import Load
@@ -186,7 +187,8 @@ _PUBLIC = {
     "models.assemblies.network": "Network",
     "models.network.joining.bodies": "Body ground",
     "models.network.joining.joints": "Joint",
-    "models.assemblies.parallel_rods": "InverseParallelRods ParallelRods",
+    "models.assemblies.inverse_parallel_rods": "InverseParallelRods",
+    "models.assemblies.parallel_rods": "ParallelRods",
     "models.assemblies.single_rod": "SingleRod",
     "models.assemblies.stacked": "stacked",
     "plausibility": "PlausibilityWarning",

@@ -163,7 +163,7 @@ class Shooting(Solver):
             outcome.status[unbounded & failures(outcome.status)] = Status.LINES_TOO_SHORT
         lost = np.isin(outcome.status, WITHOUT_REASON)
         if lost.any():
-            outcome.status[lost & np.array([name != "" for name in problem.loose()])] = Status.LOOSE
+            outcome.status[lost & problem.is_loose()] = Status.LOOSE
         return outcome
 
     def _within_reach(self, problem: BoundaryProblem, newton: Newton, chosen: BoolArray, beyond: BoolArray) -> Outcome:

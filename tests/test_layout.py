@@ -28,8 +28,6 @@ def test_every_folder_of_modules_is_packaged():
 LONGEST = 400  # lines of a file that a stranger reads at one sitting
 # longer than that, and the one thing that each is; a file that holds several is to be split, so that this list may only shrink
 LONG = {
-    "models/assemblies/network.py": "the assembly Network",
-    "models/assemblies/parallel_rods.py": "the assembly ParallelRods, and what turns it around",
     "models/backbone/kernels/members/tube_friction.py": "friction of lines in tubes, one law in lanes",
     "models/backbone/kernels/members/tubes.py": "the strain law of tubes with lines, in lanes",
     "models/backbone/problem.py": "the boundary problem of a backbone",

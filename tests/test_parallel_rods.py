@@ -7,8 +7,8 @@ from test_check_assembly import check_assembly
 
 import multirod as mr
 from multirod.models.backbone.nodes.node_passes import NodePasses
-from multirod.models.platform.guess import BeamEquilibrium, _joint_stiffness, fitted_platform
 from multirod.models.platform.problem import ParallelProblem
+from multirod.models.platform.starting.guess import BeamEquilibrium, _joint_stiffness, fitted_platform
 from multirod.problem import BoundaryProblem
 from multirod.solvers.continuation.paths import SINGULAR, Paths
 

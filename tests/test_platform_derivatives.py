@@ -10,7 +10,7 @@ from test_parallel_rods import EXACT, FEW, HEAVY, INNER, LOADS, OUTER, ROD, SOFT
 
 import multirod as mr
 from multirod.models.backbone.derivatives.designs import turned_loads
-from multirod.models.platform.along import refuse_inverse
+from multirod.models.platform.derivatives.along import refuse_inverse
 
 NODES, WEIGHTS = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60  # a derivative, error O(h^6)
 TUBES = mr.ConcentricTubes([INNER, OUTER])

@@ -14,6 +14,16 @@ from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
+from multirod.models.assemblies.network_inputs import (
+    ANGLE,
+    FIXED_INPUTS,
+    INPUTS,
+    LOAD_INPUTS,
+    ON_PLACES,
+    ROD_INPUTS,
+    by_name,
+    in_order,
+)
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.checks import check_drives, surely_driven
@@ -25,79 +35,16 @@ from multirod.models.backbone.terms import scene_features
 from multirod.models.network.derivatives.designs import PARAMETERS, columns_of, parameter_size
 from multirod.models.network.elements.groups import ON_RODS, along
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
-from multirod.models.network.graph import ENDS, Graph
+from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of
-from multirod.models.network.joining.joints import ALONG as ALONG_ROD
+from multirod.models.network.joining.checks import holes_by_rod, joints_by_end
 from multirod.models.network.joining.joints import Joint
-from multirod.models.network.joining.sliding import uniform
-from multirod.models.network.places import FIXED, FOLLOWING, LOADED, PER_ROD
+from multirod.models.network.places import FIXED, LOADED, PER_ROD
 from multirod.models.network.problem import NetworkProblem
-from multirod.models.platform.problem import LEG_INPUTS
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, meant, refuse, sequence
-
-INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
-LOAD_INPUTS = (
-    InputSpec(
-        name="force",
-        unit="N",
-        acts="tip",
-        load="force",
-        potential=True,
-        description="dead force on each body, at its origin, and on each tip that nothing holds, world frame",
-    ),
-    InputSpec(name="moment", unit="N m", acts="tip", load="moment", description="dead moment on the same, world frame"),
-    InputSpec(
-        name="follower_force",
-        unit="N",
-        acts="tip",
-        load="force",
-        follows=True,
-        description="force on each body, at its origin, and on each tip that nothing holds, fixed in its frame",
-    ),
-    InputSpec(
-        name="follower_moment",
-        unit="N m",
-        acts="tip",
-        load="moment",
-        follows=True,
-        description="moment on the same, fixed in its frame",
-    ),
-)
-ON_PLACES = (*LOADED, *FOLLOWING)
-ROD_INPUTS = (
-    InputSpec(
-        name="rod_force",
-        unit="N/m",
-        acts="along",
-        load="force",
-        potential=True,
-        count=0,
-        description="dead force per length of each rod, beside distributed_force, world frame",
-    ),
-    InputSpec(
-        name="rod_moment",
-        unit="N",
-        acts="along",
-        load="moment",
-        count=0,
-        description="dead moment per length of each rod, beside distributed_moment, world frame",
-    ),
-)
-FIXED_INPUTS = (
-    InputSpec(
-        name="fixed_position", unit="m", count=0, description="how far each fixed body is moved from its pose, world frame"
-    ),
-    InputSpec(
-        name="fixed_rotation",
-        unit="rad",
-        count=0,
-        description="rotation vector by which each fixed body is turned from its pose, world frame",
-    ),
-)
-ANGLE = InputSpec(name="angle", unit="rad", count=0, description="coordinates of the joints that are driven, from their poses")
+from multirod.validation import FloatArray, meant, refuse, sequence
 
 
 class Network(Assembly):
@@ -155,8 +102,8 @@ class Network(Assembly):
         robots = [_robot(rod, name) for name, rod in rods.items()]
         self.rods = tuple(rod for robot in robots for rod in robot.rods)
         self.base = pose("Network.base", base)
-        joined = _by_end(self.joints, rods, self.bodies)
-        holes = _holes(self.joints, rods)
+        joined = joints_by_end(self.joints, rods, self.bodies)
+        holes = holes_by_rod(self.joints, rods)
         self.graph = Graph(robots, list(rods), self.bodies, joined, self.base, holes, self.joints)
         refuse_unheld(self.graph)
         refuse_mechanism(self.graph)
@@ -272,7 +219,7 @@ class Network(Assembly):
             if name in plain:
                 if name in FIXED and not own:
                     refuse(name, plain[name], "must not be given: no body is fixed, mr.Body(..., fixed=True)")
-                plain[name] = _in_order(name, plain[name], own)
+                plain[name] = in_order(name, plain[name], own)
         if "angle" in plain:
             plain["angle"] = self._angles(plain["angle"])
         return super().make_inputs(plain)
@@ -282,7 +229,7 @@ class Network(Assembly):
         driven = self.graph.driven
         if not driven:
             refuse("angle", value, "must not be given: no joint is driven, mr.Joint(..., driven=True)")
-        return _by_name("angle", value, driven) if isinstance(value, Mapping) else value
+        return by_name("angle", value, driven) if isinstance(value, Mapping) else value
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if not (inputs.batch_shape == () and self.surely_takes("translation", inputs.translation.tolist())):
@@ -412,76 +359,3 @@ def _named(rod: Rod, name: str) -> Rod:
     result = copy(rod)
     object.__setattr__(result, "name", name)
     return result
-
-
-def _by_end(joints: Sequence[Joint], rods: Mapping[str, Any], bodies: Sequence[Body]) -> dict[tuple[str, str], Joint]:
-    """Joints by rod and end."""
-    found: dict[tuple[str, str], Joint] = {}
-    for joint in joints:
-        if joint.rod not in rods:
-            refuse("Network.joints", joint, f"there is no rod {joint.rod!r}{meant(joint.rod, rods)}")
-        if isinstance(joint.to, Body) and joint.to not in bodies:
-            refuse("Network.joints", joint, f"body {joint.to.name!r} is not among bodies")
-        if joint.end == ALONG_ROD:
-            continue
-        if (joint.rod, joint.end) in found:
-            refuse("Network.joints", joint, f"the {joint.end} of rod {joint.rod!r} is held already")
-        found[joint.rod, joint.end] = joint
-    try:
-        np.broadcast_shapes(*(joint.pose.shape[:-2] for joint in joints))
-    except ValueError:
-        shapes = [joint.pose.shape[:-2] for joint in joints]
-        refuse("Network.joints", Described(f"leading axes {shapes}"), "those of their poses must broadcast")
-    assert {end for _, end in found} <= set(ENDS)
-    return found
-
-
-def _holes(joints: Sequence[Joint], rods: Mapping[str, Rod | ConcentricTubes]) -> dict[str, list[Joint]]:
-    """Holes by the rods that slide through them, from the base to the tip."""
-    found: dict[str, list[Joint]] = {}
-    for joint in joints:
-        if joint.end == ALONG_ROD:
-            found.setdefault(joint.rod, []).append(joint)
-    for name, holes in found.items():
-        rod = rods[name]
-        if not isinstance(rod, Rod):
-            refuse(f"Network.rods[{name!r}]", rod, "must be a Rod: it slides through holes")
-        holes.sort(key=lambda hole: float(hole.at or 0.0))
-        places = [float(hole.at or 0.0) for hole in holes]
-        for hole, place, before in zip(holes, places, [0.0, *places], strict=False):
-            if place >= float(np.min(rod.length)):
-                refuse("Joint.at", place, f"must be less than the length of rod {name!r}, {float(np.min(rod.length)):g} m")
-            if place == before:
-                refuse("Joint.at", place, f"another hole of rod {name!r} is there: {hole}")
-        if not uniform(rod):
-            refuse(f"Network.rods[{name!r}]", rod, "must be the same all along, of one section: it slides through holes")
-        if rod.carried:
-            refuse(f"Network.rods[{name!r}]", rod, "must have no members and no lines: it slides through holes")
-    return found
-
-
-def _in_order(name: str, value: Any, sizes: Mapping[str, int]) -> Any:
-    """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
-    if not isinstance(value, Mapping):
-        given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
-        stacked = (
-            given is not None
-            and name in (*ON_PLACES, *ON_RODS, *FIXED)
-            and len(sizes) > 1
-            and given.shape[-2:] == (len(sizes), 3)
-        )
-        return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
-    return _by_name(name, value, sizes)
-
-
-def _by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> FloatArray:
-    """The same of values by name, as many numbers each as ``sizes`` says, which are in order; zero what is not named."""
-    parts: dict[str, FloatArray] = {place: np.zeros(size) for place, size in sizes.items()}
-    for key, part in value.items():
-        if key not in sizes:
-            hint = meant(key, sizes) if isinstance(key, str) else ""
-            refuse(name, key, f"must be by name, one of {', '.join(map(repr, sizes))}{hint}")
-        own = array(f"{name}[{key!r}]", part, (sizes[key],) if sizes[key] > 1 else ())
-        parts[key] = own if sizes[key] > 1 else own[..., None]
-    shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
-    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts.values()], axis=-1)

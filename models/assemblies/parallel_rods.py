@@ -16,8 +16,6 @@ from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import (
-    InverseParallelRodsInput,
-    InverseParallelRodsInputs,
     ParallelRodsInput,
     ParallelRodsInputs,
     listed,
@@ -33,15 +31,18 @@ from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
 from multirod.models.joint_kernels import CLAMPED, JOINTS
 from multirod.models.platform import platform_kernels as kernels
-from multirod.models.platform.designs import PARAMETERS, parameter_size
-from multirod.models.platform.problem import LEG_INPUTS, PLATFORM_INPUTS, Geometry, ParallelProblem, input_columns
+from multirod.models.platform.derivatives.columns import input_columns
+from multirod.models.platform.derivatives.designs import PARAMETERS, parameter_size
+from multirod.models.platform.geometry import Geometry
+from multirod.models.platform.inputs import LEG_INPUTS, PLATFORM_INPUTS
+from multirod.models.platform.problem import ParallelProblem
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, choice, frozen, instance, nonnegative_float, refuse
+from multirod.validation import Described, FloatArray, array, choice, frozen, nonnegative_float, refuse
 
 if TYPE_CHECKING:
-    from multirod.results.solution import Solution
+    from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 
 ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 SMALLEST_AXIS = 1e-100  # whose square still is a number
@@ -50,10 +51,6 @@ CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what the
 
 
 INPUTS = (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:])
-POSE_INPUTS = (
-    InputSpec(name="platform_position", unit="m", description="of the platform's origin, world frame"),
-    InputSpec(name="platform_rotation", unit="rad", description="rotation vector of the platform, world frame"),
-)
 Limits: TypeAlias = Sequence[Numbers] | NDArray[Any]  # a pair
 
 
@@ -275,6 +272,8 @@ class ParallelRods(Assembly):
             ValueError: If there are not six legs, each a single rod: then the pose does not determine the translations; or if
                 ``limits`` are no such pair.
         """
+        from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods  # which is made of these
+
         return InverseParallelRods(self, limits=limits)
 
     def __repr__(self) -> str:
@@ -282,99 +281,6 @@ class ParallelRods(Assembly):
         if len(set(each)) == 1:
             return f"ParallelRods(legs=[{each[0]}] * {len(each)})"
         return f"ParallelRods(legs=[{', '.join(each)}])"
-
-
-class InverseParallelRods(Assembly):
-    """Six legs and a given pose of their platform: the translations that lead there; see ``ParallelRods.inverse``.
-
-    The pose is given by the inputs ``platform_position`` [m] and ``platform_rotation`` (rotation vector in the world [rad]); the
-    loads are those of ``ParallelRods``. An input ``translation`` is where the search begins. ``translations`` reads the result.
-
-    Every equilibrium that is found, also from a guess and along a motion, is tested: an unstable one is a failure with the status
-    ``UNSTABLE``, one whose translations are beyond ``limits`` or leave no leg in use is ``OUT_OF_LIMITS``.
-
-    Args:
-        robot: The robot.
-        limits: As for ``ParallelRods.inverse``.
-
-    Attributes:
-        limits: Least and greatest translation of each leg [m], shape (2, 6).
-    """
-
-    length_columns: ClassVar[bool] = True
-
-    def __init__(self, robot: ParallelRods, *, limits: Limits | None = None) -> None:
-        instance("InverseParallelRods.robot", robot, ParallelRods, "ParallelRods")
-        legs = robot.legs
-        if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
-            refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
-        if any(leg.has_conditions for leg in robot.geometry.legs):
-            refuse("ParallelRods.legs", list(legs), "the inverse problem takes no line that is driven by its displacement")
-        self.robot = robot
-        self.limits = _limits(limits, len(legs))
-        self.geometry = robot.geometry
-        self.rods = robot.rods
-
-    @property
-    def batch_shape(self) -> tuple[int, ...]:
-        """Leading axes of the rods' parameters and of the poses."""
-        return self.robot.batch_shape
-
-    if TYPE_CHECKING:
-        _input_name: InverseParallelRodsInput
-
-    @listed(*POSE_INPUTS, *INPUTS, *DRIVE_INPUTS)
-    def inputs(self, **values: Unpack[InverseParallelRodsInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
-        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
-
-        What is not named is zero. A leading axis makes a batch, an instance for each entry.
-
-        Args:
-            **values: Those of ``InverseParallelRodsInputs``.
-
-        Returns:
-            The inputs, checked, as ``solve`` and ``simulate`` take them.
-
-        Raises:
-            TypeError: If a name is not one of these, or no rod has such lines.
-            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
-        """
-        return super().inputs(**InverseParallelRodsInputs(**values))
-
-    @property
-    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
-        return InputSpecs((*POSE_INPUTS, *self.robot.input_specs))
-
-    def check(self, inputs: Inputs) -> None:  # noqa: D102
-        self.robot.check(inputs)
-
-    def input_directions(self, *names: str) -> dict[str, int]:  # noqa: D102
-        return self.robot.input_directions(*names)
-
-    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
-        return self.robot.surely_takes(name, values)
-
-    @reusable
-    def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
-        return self.robot.problem(inputs, inverse=True, limits=self.limits, **options)
-
-    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
-        return self.robot.features(inputs, enabled=enabled)
-
-    def with_rods(self, rods: Sequence[Rod]) -> "InverseParallelRods":  # noqa: D102
-        return InverseParallelRods(self.robot.with_rods(rods), limits=self.limits)
-
-    def translations(self, solution: "Solution") -> FloatArray:
-        """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""
-        length = self.geometry.scales()[0].reshape(*self.geometry.batch_shape, -1)[..., :-1]
-        return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])
-
-    def translations_of(self, solution: "Solution") -> FloatArray:  # noqa: D102
-        return self.translations(solution)
-
-    def __repr__(self) -> str:
-        limits = f"limits={self.limits.tolist()}" if np.isfinite(self.limits).any() else ""
-        return f"{self.robot!r}.inverse({limits})"
 
 
 def _poses(field: str, value: Any, count: int) -> FloatArray:
@@ -391,19 +297,6 @@ def _joints(value: str | Sequence[str], count: int) -> list[int]:
     for name in names:
         choice("ParallelRods.joints", name, JOINTS)
     return [JOINTS[name] for name in names]
-
-
-def _limits(value: Any, count: int) -> FloatArray:
-    """Least and greatest translation of each leg [m], shape (2, count)."""
-    if value is None:
-        return np.repeat([[-inf], [inf]], count, axis=1)
-    pair = list(value) if isinstance(value, (list, tuple)) or (type(value) is np.ndarray and value.ndim) else []
-    if len(pair) != 2:
-        refuse("inverse.limits", value, "must be a pair (low, high)")
-    ends = [array("inverse.limits", end, finite=False) for end in pair]
-    if any(end.shape not in ((), (count,)) or np.isnan(end).any() for end in ends) or (ends[0] > ends[1]).any():
-        refuse("inverse.limits", value, f"must be (low, high), each a number or {count}, with low <= high")
-    return np.stack([np.broadcast_to(end, count) for end in ends])
 
 
 def _axes(value: Any, count: int) -> FloatArray:

@@ -39,7 +39,7 @@ from multirod.models.network.stability.form_rows import FormRows
 from multirod.models.network.stability.stability import NetworkStability
 from multirod.models.network.starting import Apart, NetworkJoints, NetworkStarts, taken_apart
 from multirod.models.network.state import State
-from multirod.problem import NEUTRAL_VALUE, STILL, BoundaryProblem
+from multirod.problem import STILL, BoundaryProblem, neutral_ways
 from multirod.rotations import vectors
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -193,8 +193,7 @@ class NetworkProblem(BoundaryProblem):
         names, gamma = [""] * self.instance_count, self.apart().gamma
         rods = np.concatenate([self.places[k, :own] for k, own in enumerate(self.graph.own.tolist())])
         for k in np.flatnonzero(np.isfinite(gamma).all(axis=1)).tolist() if self.body_count else ():
-            _, sizes, ways = np.linalg.svd(self.entries.dense(gamma[k]))
-            neutral = ways[sizes < NEUTRAL_VALUE * sizes[0]]
+            neutral = neutral_ways(self.entries.dense(gamma[k]))
             if len(neutral) and np.abs(neutral[:, rods]).max() < STILL:
                 moves = neutral[:, self.first_pose :].reshape(len(neutral), self.body_count, POSE).copy()
                 moves[..., :3] *= self.length[k, None, self.rod_count :, None]

@@ -15,7 +15,7 @@ from multirod.models.backbone.starts import APART
 from multirod.models.network.elements.elements import GAP_AT
 from multirod.models.network.elements.groups import ON_RODS
 from multirod.models.network.joining.placing import placed
-from multirod.models.platform.starting import crowded
+from multirod.models.platform.starting.starts import crowded
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -12,35 +11,33 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from multirod.batch import IntArray, take
-from multirod.capabilities import LineTest, Loading, ResultTest, Shapes
-from multirod.inputs import Inputs, InputSpec
+from multirod.batch import IntArray
+from multirod.capabilities import LineTest, Loading, ResultTest
+from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.kernels.shared import Shared
 from multirod.launch import record
-from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.derivatives.designs import COMPONENTS, turned_loads
 from multirod.models.backbone.derivatives.ends import move_ends, ways_back
-from multirod.models.backbone.equal_steps import PartsAtEqualSteps
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.kernels.layout.members import drive_slices
-from multirod.models.backbone.kernels.layout.members import drives as drive_names
-from multirod.models.backbone.members.driven import LinesOfGroups
-from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.starts import twisted
 from multirod.models.platform import platform_kernels as kernels
-from multirod.models.platform.along import LegSensing, columns_along
-from multirod.models.platform.clamps import PlatformClamps
-from multirod.models.platform.conjugates import PlatformConjugates
-from multirod.models.platform.designs import (
+from multirod.models.platform.capabilities import PlatformLines, PlatformParts, PlatformShapes
+from multirod.models.platform.derivatives.along import LegSensing, columns_along
+from multirod.models.platform.derivatives.columns import InputColumns, input_columns
+from multirod.models.platform.derivatives.designs import (
     PARAMETERS,
-    PLACES,
     Places,
     design_rows,
-    most_sections,
     unknown_rates,
 )
-from multirod.models.platform.guess import (
+from multirod.models.platform.geometry import Geometry
+from multirod.models.platform.inputs import PLATFORM_INPUTS, input_places
+from multirod.models.platform.legs import LegGroup
+from multirod.models.platform.stability.clamps import PlatformClamps
+from multirod.models.platform.stability.conjugates import PlatformConjugates
+from multirod.models.platform.stability.stability import InverseTest, PlatformStability
+from multirod.models.platform.starting.guess import (
     COMPLIANCES,
     SHORT,
     Attachments,
@@ -48,95 +45,14 @@ from multirod.models.platform.guess import (
     Legs,
     beam_reach,
     fitted_platform,
-    nearest_rotation,
     rotation_vectors,
 )
-from multirod.models.platform.stability import InverseTest, PlatformStability
-from multirod.models.platform.starting import PlatformJoints, PlatformStarts
-from multirod.problem import Block, BoundaryProblem, Shape
-from multirod.rod import RodArrays, stack
+from multirod.models.platform.starting.starts import PlatformJoints, PlatformStarts
+from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import matrices
-from multirod.validation import FloatArray, frozen
+from multirod.validation import FloatArray
 
 POSE = kernels.POSE
-PER_ROD = ("rotation", "translation")
-LEG_INPUTS = tuple(spec for spec in BACKBONE_INPUTS if spec.acts in ("base", "along"))  # what acts on a leg itself
-
-
-class Geometry:
-    """Legs, joints and platform of a robot, in numbers.
-
-    Attributes:
-        legs: Each leg as a robot of its own.
-        arrays: Their rods as kernels read them.
-        base: Pose of each leg's base in the world, shape (..., leg_count, 4, 4).
-        platform: Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4).
-        joints: Kind of each joint, shape (leg_count,).
-        axes: Axis of each joint in the attachment's frame, unit length, shape (leg_count, 3).
-        mass: Of the platform [kg].
-        mass_centre: In the platform's frame [m], shape (3,).
-        batch_shape: Leading axes of all of it.
-    """
-
-    def __init__(
-        self,
-        legs: Sequence[BackboneAssembly],
-        base: FloatArray,
-        platform: FloatArray,
-        joints: Sequence[int],
-        axes: FloatArray,
-        mass: float,
-        mass_centre: FloatArray,
-    ) -> None:
-        self.legs = tuple(legs)
-        self.arrays: tuple[RodArrays, ...] = tuple(leg.arrays for leg in legs)
-        self.base = base
-        self.platform = platform
-        self.joints = frozen(np.array(joints, dtype=np.int32))
-        self.axes = axes
-        self.mass = mass
-        self.mass_centre = mass_centre
-        shapes = [arrays.batch_shape for arrays in self.arrays]
-        self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-3], platform.shape[:-3])
-        self.rods = tuple(rod for leg in self.legs for rod in leg.rods)
-        self.first_rod: NDArray[np.intp] = frozen(np.cumsum([0] + [leg.rod_count for leg in self.legs]))
-        # what drives the lines of each leg, by the names of inputs
-        self.drives = [drive_names(leg.arrays.members) for leg in self.legs]
-        self.first_unknown: NDArray[np.intp] = frozen(
-            np.cumsum([0] + [leg.rod_count + 5 + sum(kind.conditioned for kind in leg.arrays.members) for leg in self.legs])
-        )
-
-    def first_drive(self, name: str) -> NDArray[np.intp]:
-        """The first of the lines of each leg among those of all that are driven by an input, and their number, (leg + 1,)."""
-        return np.cumsum([0, *(own.count(name) for own in self.drives)])
-
-    def reference(self) -> tuple[FloatArray, FloatArray]:
-        """Position [m] and rotation where the unknown pose is zero, shapes (..., 3), (..., 3, 3): the same whatever the
-        inputs."""
-        turned = (self.base[..., :3, :3] @ np.swapaxes(self.platform[..., :3, :3], -1, -2)).sum(axis=-3)
-        return self.base[..., :3, 3].mean(axis=-2), nearest_rotation(turned)
-
-    def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Geometry":
-        """The geometry of some instances of a batch to whose leading axes this broadcasts, along one axis.
-
-        ``instances`` are their numbers in the flattened batch.
-        """
-        if not self.batch_shape:
-            return self
-        result = copy(self)
-        result.arrays = tuple(arrays.take(batch_shape, instances) for arrays in self.arrays)
-        result.base = take(self.base, batch_shape, instances, tail=3) if self.base.ndim > 3 else self.base
-        result.platform = take(self.platform, batch_shape, instances, tail=3) if self.platform.ndim > 3 else self.platform
-        result.batch_shape = np.shape(instances)
-        return result
-
-    def scales(self) -> tuple[FloatArray, FloatArray]:
-        """Length and bending stiffness of each leg, then of the platform, shapes (batch or 1, leg_count + 1)."""
-        arrays = [arrays.repeated(self.batch_shape) for arrays in self.arrays]
-        length = np.stack([a.end[:, :, -1].max(axis=1) for a in arrays], axis=1)
-        stiffness = np.stack([a.material[:, :, 0, :2].max(axis=2).sum(axis=1) for a in arrays], axis=1)
-        length = np.concatenate([length, length.mean(axis=1, keepdims=True)], axis=1)
-        return length, np.concatenate([stiffness, stiffness.sum(axis=1, keepdims=True)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -156,130 +72,6 @@ class Closed:
     residual: FloatArray
     singular_value: FloatArray
     tried: NDArray[np.int_]
-
-
-@dataclass(frozen=True)
-class InputColumns:
-    """Where the columns by an input stand among the directions of a problem.
-
-    Attributes:
-        name: Of the input.
-        start: Its first direction.
-        size: How many it takes.
-        shares: First of its numbers, and how many, of each leg; of all together where these share it.
-        shared: Whether legs share it: if not, legs share its directions.
-        on_legs: Whether it acts on legs.
-    """
-
-    name: str
-    start: int
-    size: int
-    shares: tuple[tuple[int, int], ...]
-    shared: bool
-    on_legs: bool
-
-    @property
-    def numbers(self) -> int:
-        """Of an instance."""
-        return sum(self.shares[-1])
-
-    @property
-    def own(self) -> slice:
-        """Its directions."""
-        return slice(self.start, self.start + self.size)
-
-    @property
-    def is_parameter(self) -> bool:
-        """Whether it is no input."""
-        return self.name in PARAMETERS
-
-
-def input_columns(geometry: Geometry, names: Sequence[str]) -> list[InputColumns]:
-    """Where the columns of each input stand, in the order named: those that touch legs before the others."""
-    found: dict[int, InputColumns] = {}
-    start = 0
-    for touching in (True, False):
-        for k, name in enumerate(names):
-            on_legs = name in (*PER_ROD, *DRIVES, *kernels.LEG_VECTORS, *COMPONENTS, "base")
-            if on_legs is not touching:
-                continue
-            ends = _ends(geometry, name)
-            shares = ((0, 3),) if ends is None else tuple((a, b - a) for a, b in pairwise(ends.tolist()))
-            size = 0 if name == "platform" else max(count for _, count in shares)
-            found[k] = InputColumns(name, start, size, shares, ends is None, on_legs)
-            start += size
-    return [found[k] for k in range(len(names))]
-
-
-def _ends(geometry: Geometry, name: str) -> NDArray[np.intp] | None:
-    """First of the numbers of each leg, and their end, (leg + 1,); None of what legs share."""
-    if name in PER_ROD:
-        return geometry.first_rod
-    if name in DRIVES:
-        return geometry.first_drive(name)
-    if name in COMPONENTS:
-        return np.asarray(geometry.first_rod * most_sections(geometry) * COMPONENTS[name])
-    return np.arange(len(geometry.legs) + 1) * POSE if name in PLACES else None
-
-
-class LegGroup:
-    """Legs of one build, integrated in one launch."""
-
-    def __init__(self, problem: "ParallelProblem", members: Sequence[int], inputs: Inputs, options: dict[str, Any]) -> None:
-        geometry = problem.geometry
-        self.members = tuple(members)
-        legs = [geometry.legs[k] for k in members]
-        shape = problem.batch_shape
-        arrays = stack([geometry.arrays[k].repeated(shape) for k in members], shape)
-        base = np.broadcast_to(geometry.base[..., list(members), :, :], (*shape, len(legs), 4, 4))
-        count = len(members)
-        given: dict[str, Any] = {name: inputs.profiles[name] for name in kernels.LEG_VECTORS if name in inputs.profiles}
-        for name in kernels.LEG_VECTORS:
-            if name in inputs.given and name not in given:
-                given[name] = np.broadcast_to(getattr(inputs, name)[..., None, :], (*inputs.batch_shape, count, 3))
-        reach = max((p.ends[-1] for p in inputs.profiles.values()), default=0.0)
-        self.backbones = BackboneProblem(
-            legs[0].rods,
-            base,
-            Inputs(LEG_INPUTS, legs[0].rod_count, given, reach),
-            transmission=legs[0].transmission,
-            pose_sensitivities=True,
-            held=True,
-            arrays=arrays,
-            pieces=problem.pieces,
-            first_moment=np.tile(3 * (problem.pieces - 1) * np.array(members), problem.instance_count),
-            **options,
-        )
-        self._write_constants(problem, base)
-
-    def _write_constants(self, problem: "ParallelProblem", base: FloatArray) -> None:
-        device, geometry, own = problem.device, problem.geometry, self.backbones
-        legs: Any = kernels.Legs()
-        legs.count = len(self.members)
-        legs.rods = len(own.rods)
-        legs.unknown_count = own.unknown_count
-        legs.vectors = own.input_slice(kernels.LEG_VECTORS[0]).start
-        legs.drives = own.first_drive
-        legs.drive = wp.array(problem.places_of_drives(self.members), dtype=wp.int32, device=device)
-        for name, values in (
-            ("leg", self.members),
-            ("first_rod", geometry.first_rod[list(self.members)]),
-            ("first_unknown", geometry.first_unknown[list(self.members)]),
-        ):
-            setattr(legs, name, wp.array(np.asarray(values, dtype=np.int32), dtype=wp.int32, device=device))
-        own.share(legs)
-        legs.wrench, legs.wrench_columns = own.tip_wrench, own.wrench_columns
-        legs.to_base = wp.array(np.swapaxes(base[..., :3, :3], -1, -2).reshape(-1, 3, 3), dtype=wp.mat33d, device=device)
-        self.table = legs
-
-    def renew(self, vectors: FloatArray) -> None:
-        """As new, with what acts along the legs, shape (instance_count, 9)."""
-        own = self.backbones
-        own._clear()
-        rows = np.zeros((own.instance_count, own.input_count))
-        rows[:, self.table.vectors : self.table.vectors + vectors.shape[1]] = np.repeat(vectors, len(self.members), axis=0)
-        rows[:, -1] = 1.0
-        own.write("inputs", rows)
 
 
 class ParallelProblem(BoundaryProblem):
@@ -866,108 +658,3 @@ def _blocks(geometry: Geometry) -> list[Block]:
         gaps.append(start + 2)
     pose = np.arange(first[-1], first[-1] + POSE)
     return [*blocks, Block("platform", np.concatenate([along, pose]), np.concatenate([gaps, pose]))]
-
-
-def input_places(rod_count: int, inverse: bool, drives: Sequence[str] = ()) -> dict[str, slice]:
-    """Where each input stands in a row; one number more, the scale of load profiles, comes last."""
-    places = {"rotation": slice(0, rod_count), "translation": slice(rod_count, 2 * rod_count)}
-    vectors = (*(kernels.POSE_VECTORS if inverse else ()), *kernels.PLATFORM_VECTORS, *kernels.LEG_VECTORS)
-    for k, name in enumerate(vectors):
-        places[name] = slice(2 * rod_count + 3 * k, 2 * rod_count + 3 * k + 3)
-    return places | drive_slices(drives, 2 * rod_count + 3 * len(vectors))
-
-
-class PlatformParts(PartsAtEqualSteps[ParallelProblem]):
-    """Of a ``ParallelProblem``."""
-
-    def __init__(self, problem: ParallelProblem) -> None:
-        super().__init__(problem, problem.integrator, [group.backbones for group in problem.groups])
-
-    @property
-    def may_be_clamped(self) -> bool:  # noqa: D102
-        return not self.problem.inverse and all(group.backbones.may_be_clamped for group in self.problem.groups)
-
-    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> ParallelProblem:
-        geometry, inputs = (
-            self.problem.geometry.take(self.problem.batch_shape, instances),
-            self.problem.inputs_given.take(self.problem.batch_shape, instances),
-        )
-        options = {**self.problem.options, **({"pose_sensitivities": True} if poses else {})}
-        result = ParallelProblem(geometry, inputs, integrator=integrator, pieces=pieces, **options)
-        result.stop = self.problem.stop
-        for name in ("inputs", "unknowns"):
-            result.write(name, self.problem.read(name)[instances])
-        for name in ("opening", "soft", "loading"):
-            getattr(result.robots, name).assign(getattr(self.problem.robots, name).numpy()[instances])
-        return result
-
-
-class PlatformShapes(Shapes):
-    """Of a ``ParallelProblem``: those of its legs."""
-
-    def __init__(self, problem: ParallelProblem) -> None:
-        self.problem = problem
-
-    def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        self.problem.to_legs()
-        count = self.problem.instance_count
-        found: list[Shape | None] = [None] * len(self.problem.geometry.rods)
-        energy = np.zeros(count)
-        for group in self.problem.groups:
-            shapes, own = group.backbones.shapes.at_nodes(node_count)
-            energy += own.reshape(count, -1).sum(axis=1)
-            for i, shape in enumerate(shapes):
-                for place, leg in enumerate(group.members):
-                    values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
-                    found[self.problem.geometry.first_rod[leg] + i] = Shape(**values)
-        return tuple(shape for shape in found if shape is not None), energy
-
-
-class PlatformLines(LinesOfGroups[ParallelProblem]):
-    """Of a ``ParallelProblem``: those of its legs."""
-
-    def __init__(self, problem: ParallelProblem) -> None:
-        super().__init__(problem, problem.geometry.drives)
-
-    def hand_over(self) -> None:  # noqa: D102
-        self.problem.to_legs()
-
-    def length_columns(self, *names: str) -> FloatArray:
-        """As said; of lines of legs, which touch neither the platform nor other legs."""
-        problem = self.problem
-        geometry, n = problem.geometry, problem.unknown_count
-        every = input_columns(geometry, names)
-        starts = np.cumsum([n, *(columns.numbers for columns in every)])
-        result = np.zeros((problem.instance_count, int(self.first[-1]), int(starts[-1])))
-        for group in problem.groups:
-            if not group.backbones.drive_count:
-                continue
-            m, found = group.backbones.unknown_count, group.backbones.lines.length_columns()
-            found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
-            for place, leg in enumerate(group.members):
-                lines = slice(self.first[leg], self.first[leg + 1])
-                result[:, lines, problem.own[leg]] = found[:, place, :, :m]
-                if problem.inverse:  # by the translation that is unknown
-                    result[:, lines, problem.platform.start + leg] = found[:, place, :, m + problem.leg_direction_count]
-                for columns, start in zip(every, starts.tolist(), strict=False):
-                    if columns.on_legs:
-                        begin, count = columns.shares[0 if columns.shared else leg]
-                        own = found[:, place, :, m + columns.start :][..., :count]
-                        result[:, lines, start + begin : start + begin + count] = own
-        return result
-
-
-_ON_PLATFORM = {
-    "tip_force": "dead force on the platform at force_point, world frame",
-    "tip_moment": "dead moment on the platform, world frame",
-    "follower_force": "force on the platform at force_point, fixed in its frame",
-    "follower_moment": "moment on the platform, fixed in its frame",
-}
-PLATFORM_INPUTS = (
-    *(
-        replace(spec, description=_ON_PLATFORM[spec.name], dead_twin="")  # legs have the unknowns that a twin would save
-        for spec in BACKBONE_INPUTS
-        if spec.name in _ON_PLATFORM
-    ),
-    InputSpec(name="force_point", unit="m", acts="tip", description="where forces act on the platform, platform frame"),
-)

@@ -15,8 +15,9 @@ from multirod.integrators import RK4, RK23, RK45
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.eccentric_tubes import EccentricTubes
 from multirod.models.assemblies.held_rod import HeldRod
+from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 from multirod.models.assemblies.network import Network
-from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
+from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.members.line_kinds import (
     Chamber,

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 from multirod.models.assemblies.network import Network
-from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
+from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.backbone.members.line_kinds import Chamber
 from multirod.models.joint_kernels import JOINTS
 from multirod.models.network.joining.bodies import Body

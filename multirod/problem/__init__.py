@@ -3,12 +3,12 @@
 from multirod.problem.boundary import (
     DOUBLE_ROUNDING,
     FEW,
-    NEUTRAL_VALUE,
     SINGLE_TOLERANCE,
     STILL,
     TOLERANCE,
     Block,
     BoundaryProblem,
+    neutral_ways,
 )
 from multirod.problem.buffers import SMALL, Buffers
 from multirod.problem.shapes import LineShape, Shape
@@ -16,7 +16,6 @@ from multirod.problem.shapes import LineShape, Shape
 __all__ = [
     "DOUBLE_ROUNDING",
     "FEW",
-    "NEUTRAL_VALUE",
     "SINGLE_TOLERANCE",
     "SMALL",
     "STILL",
@@ -26,4 +25,5 @@ __all__ = [
     "Buffers",
     "LineShape",
     "Shape",
+    "neutral_ways",
 ]

@@ -48,6 +48,12 @@ class Block:
     rod: int | None = None
 
 
+def neutral_ways(gamma: FloatArray) -> FloatArray:
+    """Changes of the unknowns that ``Gamma`` (n, n) answers by nothing, as orthogonal rows (m, n)."""
+    _, sizes, ways = np.linalg.svd(gamma)
+    return np.asarray(ways[sizes < NEUTRAL_VALUE * sizes[0]])
+
+
 class BoundaryProblem(Buffers, ABC):
     """An assembly at some inputs, discretised: unknowns ``x`` to residual ``eps`` and ``Gamma = d(eps)/d(x)``.
 
@@ -422,8 +428,7 @@ class BoundaryProblem(Buffers, ABC):
         gamma = self.read("gamma").reshape(self.instance_count, self.unknown_count, self.unknown_count)
         others = np.setdiff1d(np.arange(self.unknown_count), self.held_forces)
         for k in np.flatnonzero(np.isfinite(gamma).all(axis=(1, 2))).tolist():
-            _, sizes, ways = np.linalg.svd(gamma[k])
-            neutral = ways[sizes < NEUTRAL_VALUE * sizes[0]]
+            neutral = neutral_ways(gamma[k])
             result[k] = len(neutral) > 0 and np.abs(neutral[:, others]).max() < STILL
         return result
 
@@ -431,6 +436,10 @@ class BoundaryProblem(Buffers, ABC):
         """Of each instance the body that moves most, by its name, where the assembly moves at rest and without loads though no
         rod is bent, a mechanism; ``""`` where it does not. It integrates nothing if ``guess`` was called."""
         return [""] * self.instance_count
+
+    def is_loose(self) -> NDArray[np.bool_]:
+        """Whether it moves so, shape (instance_count,)."""
+        return np.array([name != "" for name in self.loose()], dtype=bool)
 
     @property
     def kinks(self) -> NDArray[np.intp]:

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from multirod.assembly import Assembly
+from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 from multirod.models.assemblies.network import Network
-from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
+from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.network.joining.bodies import Body
 from multirod.recording.figure import Plate, drawn_rods, plate_through, solid_through
 from multirod.results.solution import Solution

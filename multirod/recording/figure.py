@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
+from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 from multirod.models.assemblies.network import Network
-from multirod.models.assemblies.parallel_rods import InverseParallelRods, ParallelRods
+from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.members.line_kinds import Chamber
 from multirod.models.backbone.members.lines import Line

@@ -61,7 +61,7 @@ def natural_branch(
             # what loads hold though it is loose is found by other ways
             at_rest = there & (problem.load_scale() < UNLOADED)
             if at_rest.any():
-                outcome.status[at_rest & np.array([name != "" for name in problem.loose()])] = Status.LOOSE
+                outcome.status[at_rest & problem.is_loose()] = Status.LOOSE
     return outcome
 
 

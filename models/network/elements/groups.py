@@ -18,8 +18,8 @@ from multirod.models.backbone.units import unit_stiffness
 from multirod.models.network.elements import records
 from multirod.models.network.elements.elements import TURNING
 from multirod.models.network.graph import Graph
+from multirod.models.platform.inputs import LEG_INPUTS
 from multirod.models.platform.platform_kernels import LEG_VECTORS
-from multirod.models.platform.problem import LEG_INPUTS
 from multirod.rod import stack
 from multirod.validation import FloatArray
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.network.joining.joints import KINDS, JointTable
-from multirod.models.platform.guess import fitted_pose
+from multirod.models.platform.starting.guess import fitted_pose
 from multirod.validation import FloatArray
 
 POINTS = 3  # that tell how a body is turned

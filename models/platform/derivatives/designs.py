@@ -14,7 +14,10 @@ from multirod.rotations import cross_matrix
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.platform.problem import Geometry, InputColumns, LegGroup, ParallelProblem
+    from multirod.models.platform.derivatives.columns import InputColumns
+    from multirod.models.platform.geometry import Geometry
+    from multirod.models.platform.legs import LegGroup
+    from multirod.models.platform.problem import ParallelProblem
 
 POSE = kernels.POSE
 PARAMETERS = (*COMPONENTS, "base", "platform")

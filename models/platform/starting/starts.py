@@ -10,7 +10,7 @@ from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.starts import quasirandom
 from multirod.models.joint_kernels import AT_REST
 from multirod.models.platform import platform_kernels as kernels
-from multirod.models.platform.guess import COMPLIANCES, beam_unknowns, fitted_platform
+from multirod.models.platform.starting.guess import COMPLIANCES, beam_unknowns, fitted_platform
 from multirod.rotations import matrices
 from multirod.validation import FloatArray
 

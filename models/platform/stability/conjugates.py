@@ -10,8 +10,8 @@ from multirod.launch import record
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
-from multirod.models.platform.conjugate_kernels import LegPairs, find_leg_displacements, find_platform_displacements
 from multirod.models.platform.platform_kernels import POSE
+from multirod.models.platform.stability.conjugate_kernels import LegPairs, find_leg_displacements, find_platform_displacements
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:

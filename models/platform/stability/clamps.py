@@ -9,7 +9,8 @@ from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.platform.problem import LegGroup, ParallelProblem
+    from multirod.models.platform.legs import LegGroup
+    from multirod.models.platform.problem import ParallelProblem
 
 
 class PlatformClamps(Clamps):

@@ -7,11 +7,13 @@ import numpy as np
 
 from multirod.models.backbone.derivatives.along import AlongPass, along_member, of_member
 from multirod.models.backbone.derivatives.designs import carried
-from multirod.models.platform.designs import unknown_rates
+from multirod.models.platform.derivatives.designs import unknown_rates
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.platform.problem import InputColumns, LegGroup, ParallelProblem
+    from multirod.models.platform.derivatives.columns import InputColumns
+    from multirod.models.platform.legs import LegGroup
+    from multirod.models.platform.problem import ParallelProblem
 
 
 def refuse_inverse(problem: "ParallelProblem") -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
-from multirod.models.platform.beam_kernels import (
+from multirod.models.platform.starting.beam_kernels import (
     ARM_AT,
     BEAM_SIZE,
     FRAME_AT,

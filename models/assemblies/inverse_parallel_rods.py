@@ -1,0 +1,136 @@
+"""Parallel robots turned around: the pose of the platform is given, and how far each leg is pushed out is found."""
+
+from collections.abc import Iterable, Sequence
+from math import inf
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs, InputSpec, InputSpecs
+from multirod.models.assemblies.inputs import (
+    InverseParallelRodsInput,
+    InverseParallelRodsInputs,
+    listed,
+)
+from multirod.models.assemblies.parallel_rods import INPUTS, Limits, ParallelRods
+from multirod.models.backbone.inputs import DRIVE_INPUTS
+from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.platform.problem import ParallelProblem
+from multirod.reuse import reusable
+from multirod.rod import Rod
+from multirod.validation import FloatArray, array, instance, refuse
+
+if TYPE_CHECKING:
+    from multirod.results.solution import Solution
+
+POSE_INPUTS = (
+    InputSpec(name="platform_position", unit="m", description="of the platform's origin, world frame"),
+    InputSpec(name="platform_rotation", unit="rad", description="rotation vector of the platform, world frame"),
+)
+
+
+class InverseParallelRods(Assembly):
+    """Six legs and a given pose of their platform: the translations that lead there; see ``ParallelRods.inverse``.
+
+    The pose is given by the inputs ``platform_position`` [m] and ``platform_rotation`` (rotation vector in the world [rad]); the
+    loads are those of ``ParallelRods``. An input ``translation`` is where the search begins. ``translations`` reads the result.
+
+    Every equilibrium that is found, also from a guess and along a motion, is tested: an unstable one is a failure with the status
+    ``UNSTABLE``, one whose translations are beyond ``limits`` or leave no leg in use is ``OUT_OF_LIMITS``.
+
+    Args:
+        robot: The robot.
+        limits: As for ``ParallelRods.inverse``.
+
+    Attributes:
+        limits: Least and greatest translation of each leg [m], shape (2, 6).
+    """
+
+    length_columns: ClassVar[bool] = True
+
+    def __init__(self, robot: ParallelRods, *, limits: Limits | None = None) -> None:
+        instance("InverseParallelRods.robot", robot, ParallelRods, "ParallelRods")
+        legs = robot.legs
+        if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
+            refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
+        if any(leg.has_conditions for leg in robot.geometry.legs):
+            refuse("ParallelRods.legs", list(legs), "the inverse problem takes no line that is driven by its displacement")
+        self.robot = robot
+        self.limits = _limits(limits, len(legs))
+        self.geometry = robot.geometry
+        self.rods = robot.rods
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of the rods' parameters and of the poses."""
+        return self.robot.batch_shape
+
+    if TYPE_CHECKING:
+        _input_name: InverseParallelRodsInput
+
+    @listed(*POSE_INPUTS, *INPUTS, *DRIVE_INPUTS)
+    def inputs(self, **values: Unpack[InverseParallelRodsInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
+        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
+
+        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+
+        Args:
+            **values: Those of ``InverseParallelRodsInputs``.
+
+        Returns:
+            The inputs, checked, as ``solve`` and ``simulate`` take them.
+
+        Raises:
+            TypeError: If a name is not one of these, or no rod has such lines.
+            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
+        """
+        return super().inputs(**InverseParallelRodsInputs(**values))
+
+    @property
+    def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
+        return InputSpecs((*POSE_INPUTS, *self.robot.input_specs))
+
+    def check(self, inputs: Inputs) -> None:  # noqa: D102
+        self.robot.check(inputs)
+
+    def input_directions(self, *names: str) -> dict[str, int]:  # noqa: D102
+        return self.robot.input_directions(*names)
+
+    def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
+        return self.robot.surely_takes(name, values)
+
+    @reusable
+    def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
+        return self.robot.problem(inputs, inverse=True, limits=self.limits, **options)
+
+    def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
+        return self.robot.features(inputs, enabled=enabled)
+
+    def with_rods(self, rods: Sequence[Rod]) -> "InverseParallelRods":  # noqa: D102
+        return InverseParallelRods(self.robot.with_rods(rods), limits=self.limits)
+
+    def translations(self, solution: "Solution") -> FloatArray:
+        """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""
+        length = self.geometry.scales()[0].reshape(*self.geometry.batch_shape, -1)[..., :-1]
+        return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])
+
+    def translations_of(self, solution: "Solution") -> FloatArray:  # noqa: D102
+        return self.translations(solution)
+
+    def __repr__(self) -> str:
+        limits = f"limits={self.limits.tolist()}" if np.isfinite(self.limits).any() else ""
+        return f"{self.robot!r}.inverse({limits})"
+
+
+def _limits(value: Any, count: int) -> FloatArray:
+    """Least and greatest translation of each leg [m], shape (2, count)."""
+    if value is None:
+        return np.repeat([[-inf], [inf]], count, axis=1)
+    pair = list(value) if isinstance(value, (list, tuple)) or (type(value) is np.ndarray and value.ndim) else []
+    if len(pair) != 2:
+        refuse("inverse.limits", value, "must be a pair (low, high)")
+    ends = [array("inverse.limits", end, finite=False) for end in pair]
+    if any(end.shape not in ((), (count,)) or np.isnan(end).any() for end in ends) or (ends[0] > ends[1]).any():
+        refuse("inverse.limits", value, f"must be (low, high), each a number or {count}, with low <= high")
+    return np.stack([np.broadcast_to(end, count) for end in ends])

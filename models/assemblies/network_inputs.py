@@ -1,0 +1,101 @@
+"""What networks take, and how values by the names of rods, bodies and joints are put in order."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from multirod.inputs import InputSpec
+from multirod.models.network.elements.groups import ON_RODS
+from multirod.models.network.places import FIXED, FOLLOWING, LOADED
+from multirod.models.platform.inputs import LEG_INPUTS
+from multirod.validation import FloatArray, array, meant, refuse
+
+INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
+LOAD_INPUTS = (
+    InputSpec(
+        name="force",
+        unit="N",
+        acts="tip",
+        load="force",
+        potential=True,
+        description="dead force on each body, at its origin, and on each tip that nothing holds, world frame",
+    ),
+    InputSpec(name="moment", unit="N m", acts="tip", load="moment", description="dead moment on the same, world frame"),
+    InputSpec(
+        name="follower_force",
+        unit="N",
+        acts="tip",
+        load="force",
+        follows=True,
+        description="force on each body, at its origin, and on each tip that nothing holds, fixed in its frame",
+    ),
+    InputSpec(
+        name="follower_moment",
+        unit="N m",
+        acts="tip",
+        load="moment",
+        follows=True,
+        description="moment on the same, fixed in its frame",
+    ),
+)
+ON_PLACES = (*LOADED, *FOLLOWING)
+ROD_INPUTS = (
+    InputSpec(
+        name="rod_force",
+        unit="N/m",
+        acts="along",
+        load="force",
+        potential=True,
+        count=0,
+        description="dead force per length of each rod, beside distributed_force, world frame",
+    ),
+    InputSpec(
+        name="rod_moment",
+        unit="N",
+        acts="along",
+        load="moment",
+        count=0,
+        description="dead moment per length of each rod, beside distributed_moment, world frame",
+    ),
+)
+FIXED_INPUTS = (
+    InputSpec(
+        name="fixed_position", unit="m", count=0, description="how far each fixed body is moved from its pose, world frame"
+    ),
+    InputSpec(
+        name="fixed_rotation",
+        unit="rad",
+        count=0,
+        description="rotation vector by which each fixed body is turned from its pose, world frame",
+    ),
+)
+ANGLE = InputSpec(name="angle", unit="rad", count=0, description="coordinates of the joints that are driven, from their poses")
+
+
+def in_order(name: str, value: Any, sizes: Mapping[str, int]) -> Any:
+    """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
+    if not isinstance(value, Mapping):
+        given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
+        stacked = (
+            given is not None
+            and name in (*ON_PLACES, *ON_RODS, *FIXED)
+            and len(sizes) > 1
+            and given.shape[-2:] == (len(sizes), 3)
+        )
+        return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
+    return by_name(name, value, sizes)
+
+
+def by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> FloatArray:
+    """The same of values by name, as many numbers each as ``sizes`` says, which are in order; zero what is not named."""
+    parts: dict[str, FloatArray] = {place: np.zeros(size) for place, size in sizes.items()}
+    for key, part in value.items():
+        if key not in sizes:
+            hint = meant(key, sizes) if isinstance(key, str) else ""
+            refuse(name, key, f"must be by name, one of {', '.join(map(repr, sizes))}{hint}")
+        own = array(f"{name}[{key!r}]", part, (sizes[key],) if sizes[key] > 1 else ())
+        parts[key] = own if sizes[key] > 1 else own[..., None]
+    shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
+    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts.values()], axis=-1)

@@ -1,0 +1,61 @@
+"""Which joint holds which end, and through which holes rods slide: what is no network is refused."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from multirod.models.assemblies.concentric_tubes import ConcentricTubes
+from multirod.models.network.graph import ENDS
+from multirod.models.network.joining.bodies import Body
+from multirod.models.network.joining.joints import ALONG as ALONG_ROD
+from multirod.models.network.joining.joints import Joint
+from multirod.models.network.joining.sliding import uniform
+from multirod.rod import Rod
+from multirod.validation import Described, meant, refuse
+
+
+def joints_by_end(joints: Sequence[Joint], rods: Mapping[str, Any], bodies: Sequence[Body]) -> dict[tuple[str, str], Joint]:
+    """Joints by rod and end."""
+    found: dict[tuple[str, str], Joint] = {}
+    for joint in joints:
+        if joint.rod not in rods:
+            refuse("Network.joints", joint, f"there is no rod {joint.rod!r}{meant(joint.rod, rods)}")
+        if isinstance(joint.to, Body) and joint.to not in bodies:
+            refuse("Network.joints", joint, f"body {joint.to.name!r} is not among bodies")
+        if joint.end == ALONG_ROD:
+            continue
+        if (joint.rod, joint.end) in found:
+            refuse("Network.joints", joint, f"the {joint.end} of rod {joint.rod!r} is held already")
+        found[joint.rod, joint.end] = joint
+    try:
+        np.broadcast_shapes(*(joint.pose.shape[:-2] for joint in joints))
+    except ValueError:
+        shapes = [joint.pose.shape[:-2] for joint in joints]
+        refuse("Network.joints", Described(f"leading axes {shapes}"), "those of their poses must broadcast")
+    assert {end for _, end in found} <= set(ENDS)
+    return found
+
+
+def holes_by_rod(joints: Sequence[Joint], rods: Mapping[str, Rod | ConcentricTubes]) -> dict[str, list[Joint]]:
+    """Holes by the rods that slide through them, from the base to the tip."""
+    found: dict[str, list[Joint]] = {}
+    for joint in joints:
+        if joint.end == ALONG_ROD:
+            found.setdefault(joint.rod, []).append(joint)
+    for name, holes in found.items():
+        rod = rods[name]
+        if not isinstance(rod, Rod):
+            refuse(f"Network.rods[{name!r}]", rod, "must be a Rod: it slides through holes")
+        holes.sort(key=lambda hole: float(hole.at or 0.0))
+        places = [float(hole.at or 0.0) for hole in holes]
+        for hole, place, before in zip(holes, places, [0.0, *places], strict=False):
+            if place >= float(np.min(rod.length)):
+                refuse("Joint.at", place, f"must be less than the length of rod {name!r}, {float(np.min(rod.length)):g} m")
+            if place == before:
+                refuse("Joint.at", place, f"another hole of rod {name!r} is there: {hole}")
+        if not uniform(rod):
+            refuse(f"Network.rods[{name!r}]", rod, "must be the same all along, of one section: it slides through holes")
+        if rod.carried:
+            refuse(f"Network.rods[{name!r}]", rod, "must have no members and no lines: it slides through holes")
+    return found

@@ -1,0 +1,97 @@
+"""What the boundary problem of a parallel robot offers beside its equations."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.batch import IntArray
+from multirod.capabilities import Shapes
+from multirod.integrators import Integrator
+from multirod.models.backbone.equal_steps import PartsAtEqualSteps
+from multirod.models.backbone.members.driven import LinesOfGroups
+from multirod.models.platform.derivatives.columns import input_columns
+from multirod.problem import Shape
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.platform.problem import ParallelProblem
+
+
+class PlatformParts(PartsAtEqualSteps["ParallelProblem"]):
+    """Of a ``ParallelProblem``."""
+
+    def __init__(self, problem: "ParallelProblem") -> None:
+        super().__init__(problem, problem.integrator, [group.backbones for group in problem.groups])
+
+    @property
+    def may_be_clamped(self) -> bool:  # noqa: D102
+        return not self.problem.inverse and all(group.backbones.may_be_clamped for group in self.problem.groups)
+
+    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> "ParallelProblem":
+        geometry, inputs = (
+            self.problem.geometry.take(self.problem.batch_shape, instances),
+            self.problem.inputs_given.take(self.problem.batch_shape, instances),
+        )
+        options = {**self.problem.options, **({"pose_sensitivities": True} if poses else {})}
+        result = type(self.problem)(geometry, inputs, integrator=integrator, pieces=pieces, **options)
+        result.stop = self.problem.stop
+        for name in ("inputs", "unknowns"):
+            result.write(name, self.problem.read(name)[instances])
+        for name in ("opening", "soft", "loading"):
+            getattr(result.robots, name).assign(getattr(self.problem.robots, name).numpy()[instances])
+        return result
+
+
+class PlatformShapes(Shapes):
+    """Of a ``ParallelProblem``: those of its legs."""
+
+    def __init__(self, problem: "ParallelProblem") -> None:
+        self.problem = problem
+
+    def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
+        self.problem.to_legs()
+        count = self.problem.instance_count
+        found: list[Shape | None] = [None] * len(self.problem.geometry.rods)
+        energy = np.zeros(count)
+        for group in self.problem.groups:
+            shapes, own = group.backbones.shapes.at_nodes(node_count)
+            energy += own.reshape(count, -1).sum(axis=1)
+            for i, shape in enumerate(shapes):
+                for place, leg in enumerate(group.members):
+                    values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
+                    found[self.problem.geometry.first_rod[leg] + i] = Shape(**values)
+        return tuple(shape for shape in found if shape is not None), energy
+
+
+class PlatformLines(LinesOfGroups["ParallelProblem"]):
+    """Of a ``ParallelProblem``: those of its legs."""
+
+    def __init__(self, problem: "ParallelProblem") -> None:
+        super().__init__(problem, problem.geometry.drives)
+
+    def hand_over(self) -> None:  # noqa: D102
+        self.problem.to_legs()
+
+    def length_columns(self, *names: str) -> FloatArray:
+        """As said; of lines of legs, which touch neither the platform nor other legs."""
+        problem = self.problem
+        geometry, n = problem.geometry, problem.unknown_count
+        every = input_columns(geometry, names)
+        starts = np.cumsum([n, *(columns.numbers for columns in every)])
+        result = np.zeros((problem.instance_count, int(self.first[-1]), int(starts[-1])))
+        for group in problem.groups:
+            if not group.backbones.drive_count:
+                continue
+            m, found = group.backbones.unknown_count, group.backbones.lines.length_columns()
+            found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
+            for place, leg in enumerate(group.members):
+                lines = slice(self.first[leg], self.first[leg + 1])
+                result[:, lines, problem.own[leg]] = found[:, place, :, :m]
+                if problem.inverse:  # by the translation that is unknown
+                    result[:, lines, problem.platform.start + leg] = found[:, place, :, m + problem.leg_direction_count]
+                for columns, start in zip(every, starts.tolist(), strict=False):
+                    if columns.on_legs:
+                        begin, count = columns.shares[0 if columns.shared else leg]
+                        own = found[:, place, :, m + columns.start :][..., :count]
+                        result[:, lines, start + begin : start + begin + count] = own
+        return result

@@ -1,0 +1,1 @@
+"""Where the search begins: legs as beams, joints taken apart, places to put the platform at."""
