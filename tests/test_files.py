@@ -65,11 +65,11 @@ def hexapod():
 def network(rod=ROD, holes=(), **more):
     """All that bodies and joints can be made of, no two alike."""
     plate = mr.Body("plate", mass=0.05, mass_centre=(0.01, 0, 1 / 3), pose=TURNED)
-    top = mr.Body(UNUSUAL, pose=np.eye(4))
+    top, hand = mr.Body(UNUSUAL, pose=np.eye(4)), mr.Body("hand", pose=np.eye(4), fixed=True)
     joints = [
         mr.Joint("left", "base", to=mr.ground, pose=poses(0.05)[0]),
         mr.Joint("left", "tip", to=plate, pose=poses(0.03)[0], kind="revolute", axis=(0, 1, 3), stiffness=0.2, rest=1 / 3),
-        mr.Joint("right", "base", to=mr.ground, pose=poses(0.05)[1], kind="universal", axis=np.eye(3)[:2], stiffness=(0.3, 0)),
+        mr.Joint("right", "base", to=hand, pose=poses(0.05)[1], kind="universal", axis=np.eye(3)[:2], stiffness=(0.3, 0)),
         mr.Joint("right", "tip", to=plate, pose=poses(0.03)[1], kind="spherical", stiffness=0.1),
         mr.Joint("upper", "base", to=plate),
         mr.Joint("upper", "tip", to=top, kind="universal", axis=[(0, 0, 3), (0.7, 0.1, 0)], stiffness=0.1, rest=(0.1, -0.2)),
@@ -79,7 +79,7 @@ def network(rod=ROD, holes=(), **more):
     if holes:
         rods["thread"] = ROD
         joints += [mr.Joint("thread", "base", to=mr.ground), *(mr.Joint("thread", "along", to=plate, **hole) for hole in holes)]
-    return mr.Network(rods=rods, bodies=[plate, top], joints=joints, **more)
+    return mr.Network(rods=rods, bodies=[plate, top, hand], joints=joints, **more)
 
 
 def every_line():
@@ -198,7 +198,7 @@ def test_the_robots_tried_have_all_that_a_file_may_hold():
     shown["Section"] |= {"precurvature"}
     without_unit = {"name", "driven", "friction", "area_fixed", "joints", "joint_axes", "route", "members", "loads"}
     without_unit |= {"joint", "joint_axis", "slide", "base_joint", "base_joint_axis"}
-    without_unit |= {"end_effector", "rod", "end", "to", "kind", "axis"}
+    without_unit |= {"end_effector", "rod", "end", "to", "kind", "axis", "fixed"}
     for kind in (*kinds.ROBOTS, *kinds.LINES, "Rod", "Section", "Body", "Joint"):
         arguments = set(kinds.parameters(kinds.CLASSES[kind]))
         only_default = {"driven"} if kind == "PushRod" else set()  # which has no other value

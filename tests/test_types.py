@@ -155,8 +155,19 @@ def robots() -> dict[str, list[mr.Assembly]]:
         "InverseParallelRods": [six.inverse(), pressed.inverse()],
         "HeldRod": [mr.HeldRod(plain), mr.HeldRod(lined)],
         "Network": [
-            mr.Network(rods={"wire": rod}, joints=[mr.Joint("wire", "base", to=mr.ground, **how)])
-            for rod, how in ((plain, {}), (plain, {"kind": "revolute", "axis": (1, 0, 0), "driven": True}), (lined, {}))
+            mr.Network(
+                rods={"wire": rod},
+                bodies=[how["to"]] if "to" in how else [],
+                joints=[mr.Joint("wire", "base", **({"to": mr.ground} | how))],
+            )
+            for rod, how in (
+                (plain, {}),
+                (
+                    plain,
+                    {"to": mr.Body("hand", pose=np.eye(4), fixed=True), "kind": "revolute", "axis": (1, 0, 0), "driven": True},
+                ),
+                (lined, {}),
+            )
         ],
     }
 

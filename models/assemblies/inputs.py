@@ -166,6 +166,10 @@ class KnownInputs(InverseParallelRodsInputs, total=False):
 
     angle: ByName
     """As for ``Network``."""
+    fixed_position: ByName
+    """As for ``Network``."""
+    fixed_rotation: ByName
+    """As for ``Network``."""
     force: ByName
     """As for ``Network``."""
     moment: ByName

@@ -1,11 +1,9 @@
 """Which joint holds which end, and through which holes rods slide: what is no network is refused."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.network.graph import ENDS
 from multirod.models.network.joining.bodies import Body
 from multirod.models.network.joining.joints import ALONG as ALONG_ROD
@@ -15,7 +13,7 @@ from multirod.rod import Rod
 from multirod.validation import Described, meant, refuse
 
 
-def joints_by_end(joints: Sequence[Joint], rods: Mapping[str, Any], bodies: Sequence[Body]) -> dict[tuple[str, str], Joint]:
+def joints_by_end(joints: Sequence[Joint], rods: Mapping[str, object], bodies: Sequence[Body]) -> dict[tuple[str, str], Joint]:
     """Joints by rod and end."""
     found: dict[tuple[str, str], Joint] = {}
     for joint in joints:
@@ -37,7 +35,7 @@ def joints_by_end(joints: Sequence[Joint], rods: Mapping[str, Any], bodies: Sequ
     return found
 
 
-def holes_by_rod(joints: Sequence[Joint], rods: Mapping[str, Rod | ConcentricTubes]) -> dict[str, list[Joint]]:
+def holes_by_rod(joints: Sequence[Joint], rods: Mapping[str, object]) -> dict[str, list[Joint]]:
     """Holes by the rods that slide through them, from the base to the tip."""
     found: dict[str, list[Joint]] = {}
     for joint in joints:
