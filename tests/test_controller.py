@@ -196,8 +196,16 @@ def test_without_inputs_it_begins_as_near_to_the_default_as_limits_allow():
         ({"dt": 0.0}, ValueError, "Controller.dt = 0.0"),
         ({"free": ("force_point",)}, TypeError, "Controller.free takes no 'force_point'"),
         ({"inputs": MOTION[:2], "guess": None}, ValueError, "Controller.inputs = leading axes"),
-        ({"limits": mr.Limits(curvature=5)}, ValueError, "Controller.limits .* at the start too, whose shape is beyond"),
-        ({"limits": mr.Limits(stability_margin=2)}, ValueError, "Controller.limits .* at the start too, whose shape is beyond"),
+        (
+            {"limits": mr.Limits(curvature=5)},
+            ValueError,
+            "Controller.limits .* at the start too, where the largest curvature is 9.029 1/m",
+        ),
+        (
+            {"limits": mr.Limits(stability_margin=2)},
+            ValueError,
+            "Controller.limits .* at the start too, where the stability margin is 1.28",
+        ),
         ({"limits": mr.Limits(translation=(-0.01, 0))}, ValueError, "Controller.limits .* at the start too"),
         ({"correction_time": -1.0}, ValueError, "Controller.correction_time = -1.0"),
     ],
@@ -264,6 +272,7 @@ def test_a_limit_of_the_stability_margin_is_kept_and_slid_along(start):
     commands, there = shapes_of(start, path, stability_margin=least)
     assert min(own.stability_margin for own in there) >= least
     held = [command for command in commands if command.status is mr.Status.AT_LIMIT]
+    assert sum("stability_margin" in command.held_by for command in held) > len(held) // 2
     assert {command.status for command in commands} == {mr.Status.TRACKING, mr.Status.AT_LIMIT}
     assert len({tuple(command.inputs.rotation) for command in held}) > 5  # it moves on, as far as the limit lets it
     assert all(command.at_limit.any() and command.target_error > 1e-6 for command in held)
@@ -277,11 +286,36 @@ def test_a_limit_of_the_stability_margin_is_kept_and_slid_along(start):
     assert commands[-1].status is mr.Status.TRACKING  # it finds back
 
 
+def test_a_limit_that_is_the_curvature_at_rest_does_not_hold(start):
+    """9 1/m: without a load the free end of the innermost tube is bent so, whatever the inputs are."""
+    inputs = TUBES.inputs(rotation=start.inputs.rotation, translation=start.inputs.translation)
+    limits = mr.Limits(translation=(-0.19, 0), gap=2e-3, curvature=9.0)
+    loop = mr.Controller(TUBES, dt=0.01, free=FREE, limits=limits, inputs=inputs, integrator=STEPS)
+    first = mr.solve(TUBES, inputs, solver=SOLVER)
+    assert largest_bending(first) == pytest.approx(9.0, rel=1e-7)
+    for k in range(20):
+        command = loop.step(position=first.tip_position + 2e-4 * k * np.array([-1, 0.5, 0.2]))
+        assert command.status is mr.Status.TRACKING
+        assert command.held_by == ()
+
+
+def test_limits_that_hold_are_named(start):
+    limits = mr.Limits(translation=(start.inputs.translation - 1e-3, start.inputs.translation + 1e-3))
+    loop = mr.Controller(TUBES, dt=0.01, free=FREE, limits=limits, guess=start, integrator=STEPS)
+    for k in range(8):
+        command = loop.step(position=start.tip_position + (0, 0, 1e-3 * k))
+    assert command.status is mr.Status.AT_LIMIT
+    assert "translation[0]" in command.held_by
+    assert "translation[0]" in repr(command)
+    assert set(command.held_by) <= {"translation[0]", "translation[1]", "translation[2]"}
+    np.testing.assert_array_equal(command.at_limit[3:], [f"translation[{k}]" in command.held_by for k in range(3)])
+
+
 def test_a_margin_that_is_not_known_is_not_kept():
     """A follower moment has no potential."""
     robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
     inputs = robot.inputs(follower_moment=(0.1, 0, 0.05), translation=-0.1)
-    with pytest.raises(ValueError, match="(?s)Controller.limits .* not known to be within"):
+    with pytest.raises(ValueError, match="(?s)Controller.limits .* the stability margin is not known"):
         mr.Controller(robot, dt=0.01, free=("translation",), inputs=inputs, limits=mr.Limits(stability_margin=0.1))
 
 

@@ -83,9 +83,13 @@ def known_names(assembly: "Assembly", names: Sequence[object], call: str) -> lis
     return known
 
 
-def jacobian(solution: "Solution[Any]", names: Sequence[object], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
+def jacobian(
+    solution: "Solution[Any]", names: Sequence[object], of: str, at: Numbers | None, rod: int | str | None
+) -> FloatArray:
     """What ``Solution.jacobian`` says."""
     choice("of", of, OF)
+    if of not in ALONG and rod is not None:
+        refuse("rod", rod, f"must not be given of {of}: it is for {', '.join(ALONG)}; columns by a parameter run over all rods")
     kept = _kept(solution, names) if of == "pose" and at is None else None
     if kept is not None:
         return solution._masked(_eliminated(*kept), (POSE, kept[0].shape[-1]))
@@ -121,14 +125,14 @@ def _pose_rows(problem: BoundaryProblem, moved: FloatArray, apart: FloatArray | 
 
 
 def _rows(
-    solution: "Solution[Any]", names: list[str], of: str, at: Numbers | None, rod: int | str
+    solution: "Solution[Any]", names: list[str], of: str, at: Numbers | None, rod: int | str | None
 ) -> tuple[tuple[int, ...], Rows]:
     """The axes of what is asked for, and what gives its derivatives by unknowns and by numbers, (instance, rows, n + k)."""
     assembly = solution.assembly
     if of == "pose":
         return (POSE,), _pose_rows
     if of in ALONG:
-        index = solution._rod_index(rod)
+        index = solution._rod_index(0 if rod is None else rod)
         places = places_of(solution, at, index)
         tail = (places.size, 3) if np.ndim(np.asarray(at)) else (3,)
 

@@ -84,7 +84,7 @@ class Solution(Computed[Robot_co]):
         *names: "Name | Parameter",
         of: Literal["pose", "line_length", "tension", "position", "rotation", "curvature"] = "pose",
         at: Numbers | None = None,
-        rod: int | str = 0,
+        rod: int | str | None = None,
     ) -> FloatArray:
         """Derivative of the end effector's pose by inputs or parameters of the robot, at equilibrium, or of what is along it.
 
@@ -98,7 +98,7 @@ class Solution(Computed[Robot_co]):
             of: ``"pose"`` of the end effector, ``"line_length"`` or ``"tension"`` of lines; or, at places along a rod,
                 ``"position"``, ``"rotation"`` or ``"curvature"``.
             at: Of the last three, arclengths from the base [m], one or several, rising, as ``rod(k).arclength``.
-            rod: Of them too, index or name of the rod.
+            rod: Of them too, index or name of the rod; the first by default.
 
         Returns:
             Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world
@@ -111,12 +111,12 @@ class Solution(Computed[Robot_co]):
 
         Raises:
             TypeError: If the assembly takes no such input, or none is named.
-            ValueError: If ``of`` is none of these, or ``at`` is not on the rod.
+            ValueError: If ``of`` is none of these, ``at`` is not on the rod, or ``at`` or ``rod`` is given of another.
             NotImplementedError: If the assembly does not give these derivatives.
         """
         return self._jacobian(names, of, at, rod)
 
-    def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
+    def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str | None) -> FloatArray:
         return derivatives.jacobian(self, names, of, at, rod)
 
     def vjp(

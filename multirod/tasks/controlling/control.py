@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.kernels.shared import Shared
 from multirod.launch import record
@@ -71,7 +72,7 @@ class ControlStep:
         kept |= {"before_position": ((), wp.vec3d), "before_rotation": ((), wp.mat33d)}
         sizes = {"before_unknowns": problem.unknown_count, "before_values": task.count}
         sizes |= {"good_unknowns": problem.unknown_count, "good_values": task.count, "values": task.count}
-        sizes |= {"record": problem.records.shape[1], "told": FREE + 8 * task.count}
+        sizes |= {"record": problem.records.shape[1], "told": FREE + 8 * task.count + len(rows.low) + shaped}
         kept |= {name: ((size,), wp.float64) for name, size in sizes.items()}
         self._kept: dict[str, Any] = {
             name: wp.zeros((1, *shape), dtype=dtype, device=device) for name, (shape, dtype) in kept.items()
@@ -146,14 +147,9 @@ class ControlStep:
             self._limits[name].values[places] = values
             self._limits[name].send()
 
-    @property
-    def last_values(self) -> FloatArray:
-        """``p`` of the command before the last launch, shape (k,)."""
-        return np.array(self._kept["before_values"].numpy()[0])
-
-    def stay(self, record: FloatArray, told: FloatArray) -> None:
+    def stay(self, record: FloatArray, told: FloatArray, beyond: NDArray[np.bool_]) -> None:
         """Give the last command again, as it is to first order under what else holds in this sample: ``record`` and ``told`` say
-        so, and the next sample starts there."""
+        so, and the next sample starts there. Which limits of the shape, (shaped,), the step was ``beyond`` is told too."""
         fields, kept, k = self._problem.record_fields, self._kept, self._count
         values, given = kept["before_values"].numpy(), record[:, fields["inputs"]]
         back = (values - given[:, self._whole.places])[0]
@@ -170,7 +166,8 @@ class ControlStep:
             kept[name].zero_()
         self._whole.write(record[:, fields["unknowns"]], values)
         told[SINGULAR], told[HELD] = 0.0, 1.0
-        told[FREE : FREE + k], told[FREE + 7 * k :] = values[0], 1.0
+        told[FREE : FREE + k], told[FREE + 7 * k : FREE + 8 * k], told[FREE + 8 * k :] = values[0], 1.0, 0.0
+        told[len(told) - len(beyond) :] = beyond
         told[ERROR], told[ANGLE] = self._off_target(record[:, fields["position"]], record[:, fields["rotation"]])
 
     def _off_target(self, position: FloatArray, rotation: FloatArray) -> tuple[float, float]:

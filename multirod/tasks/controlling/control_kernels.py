@@ -15,7 +15,7 @@ from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, strayed
 f64 = wp.float64
 
 # where the numbers of a sample stand in ``told``
-# the last: p, the pose's columns by p, row by row, at_limit
+# the last: p, the pose's columns by p, row by row, at_limit; then of each limit whether it holds
 ERROR, SINGULAR, HELD, OFFSET, TARGET, ANGLE, FREE = 0, 1, 2, 3, 6, 9, 10
 
 
@@ -155,6 +155,7 @@ def tell(s: Control, t: int):
     for i in range(s.low.shape[0]):
         if s.step.held[t, i] != 0:
             held = 1
+            s.told[t, wp.static(FREE) + 8 * k + i] = f64(1.0)
             for j in range(k):
                 if s.step.limits[i, j] != f64(0.0):
                     s.told[t, wp.static(FREE) + 7 * k + j] = f64(1.0)

@@ -29,7 +29,7 @@ from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, OFFSE
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import plain, turned
-from multirod.tasks.limits import ROUNDING_BEYOND, LimitRows, Limits, freed_labels, limit_rows, nearest, refuse_start, told
+from multirod.tasks.limits import ROUNDING_BEYOND, LimitRows, Limits, limit_rows, nearest, refuse_start, told
 from multirod.tasks.rows import SMALLEST_AXIS, Pose
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
@@ -55,6 +55,7 @@ class Command(Solution[Robot_co]):
     _free: tuple[str, ...]
     _told: FloatArray
     _rows: LimitRows
+    _limits: tuple[str, ...]  # names of them, and of those of the shape
     _aims: bool  # at a position
 
     @property
@@ -84,8 +85,15 @@ class Command(Solution[Robot_co]):
 
     @property
     def at_limit(self) -> NDArray[np.bool_]:
-        """Which of the freed numbers are held by a limit, shape (k,)."""
+        """Which of the freed numbers take part in a limit that holds, shape (k,)."""
         return np.asarray(frozen(self._by_free(7)[0] != 0))
+
+    @property
+    def held_by(self) -> tuple[str, ...]:
+        """Limits that hold, whether they hold the tip back or others make up for it: such as ``"translation[0]"``,
+        ``"translation[1] - translation[0]"`` for a gap, ``"curvature"``, ``"stability_margin"``."""
+        holds = self._told[FREE + 8 * len(self.at_limit) :] != 0
+        return tuple(name for name, own in zip(self._limits, holds, strict=True) if own)
 
     def _by_free(self, first: int, count: int = 1) -> FloatArray:
         """Rows of what is told of each freed number: p, the pose by it, whether it is held; shape (count, k)."""
@@ -98,13 +106,13 @@ class Command(Solution[Robot_co]):
 
     @property
     def _asides(self) -> dict[str, str]:
-        labels = freed_labels(self.free, [getattr(self.inputs, name).shape[-1] for name in self.free])
-        held = ", ".join(label for label, own in zip(labels, self.at_limit, strict=True) if own)
-        return told(self.target_error, self.target_angle, held) | ({"singular": "yes"} if self.singular else {})
+        return told(self.target_error, self.target_angle, ", ".join(self.held_by)) | (
+            {"singular": "yes"} if self.singular else {}
+        )
 
-    def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str) -> FloatArray:
+    def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str | None) -> FloatArray:
         """By the inputs that are free, without another integration: the columns of the sample's own."""
-        if of == "pose" and names == self.free and at is None:
+        if of == "pose" and names == self.free and at is None and rod is None:
             return np.asarray(frozen(self._by_free(1, 6)))
         return super()._jacobian(names, of, at, rod)
 
@@ -183,8 +191,9 @@ class Controller(Uncopied, Generic[Robot_co]):
         if limits is not None and limits.of_shape:
             self._shape = ShapeLimits(robot, given, self.free, limits, self._unit, method, device)
             self._refuse_shape(limits, problem.adopt(start.unknowns[None]))
-        gains, shaped = (1 - keep**2, (1 - keep) ** 2), 0 if self._shape is None else self._shape.count
-        self._step = ControlStep(self._task, self._rows, self._unit, weight, gains, self._watch, shaped)
+        gains, shaped = (1 - keep**2, (1 - keep) ** 2), () if self._shape is None else self._shape.names
+        self._step = ControlStep(self._task, self._rows, self._unit, weight, gains, self._watch, len(shaped))
+        self._limit_names = self._rows.names + shaped
         self._step.start(x, p)
         self._step.prepare((1, 0, 0), (1, 1, 0))  # what most loops ask for: a position, a pose
         self._begin(x, p, "Controller.inputs" if guess is None else "Controller.guess")
@@ -204,8 +213,8 @@ class Controller(Uncopied, Generic[Robot_co]):
         assert self._shape is not None
         found = self._shape.look(unknowns, self._task.problem.read("inputs"))
         if not found.within:
-            what = "not known to be within" if np.isnan(found.room).any() else "beyond"
-            refuse("Controller.limits", limits, f"must hold at the start too, whose shape is {what} them")
+            refuse("Controller.limits", limits, f"must hold at the start too, where {self._shape.said(found)}")
+        self._shape.last = found
 
     def _zeros(self, given: Inputs) -> dict[str, FloatArray]:
         """Freed inputs that were not given."""
@@ -346,7 +355,8 @@ class Controller(Uncopied, Generic[Robot_co]):
                 spent = frozen(spent + np.int32(self._shape.integrations))
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
         result.missing = -1 in seen
-        result._free, result._told, result._rows, result._aims = self.free, told, self._rows, kind[0] == 1
+        result._free, result._told, result._rows, result._limits = self.free, told, self._rows, self._limit_names
+        result._aims = kind[0] == 1
         return result
 
     def _in_shape(self, shape: ShapeLimits, record: FloatArray, told: FloatArray, status: int) -> int:
@@ -358,8 +368,9 @@ class Controller(Uncopied, Generic[Robot_co]):
 
         shape.integrations = 0
         found = looked()
-        if not shape.accepts(found, self._step.last_values):
-            self._step.stay(record, told)
+        beyond = shape.refuses(found)
+        if beyond.any():
+            self._step.stay(record, told, beyond)
             found = looked()
             status = int(Status.AT_LIMIT if found.within else Status.OUT_OF_LIMITS)
         self._step.limit_shape(*shape.rows(found), shape.longest)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
@@ -19,6 +20,8 @@ PROBE = 1e-3  # in units (9): steps of the differences (18)
 ASKED_BELOW = 0.1  # room, of a limit of the curvature or in stability margin, below which (18) is asked for
 # of that room, which a command that is accepted leaves: what a look is off to higher order, and rounding, after it
 LEAST_ROOM = 1e-4
+FLAT = 1e-4  # change of that room by a unit (9), below which it is rounding: a rod as bent at rest as its limit stays so
+ROUNDED = np.array([1e-6, 0.0])  # of that room of either limit, what is rounding: of a curvature that is integrated
 INSET = 2e-3  # of that room, which steps leave: what they are off to second order
 
 
@@ -51,21 +54,23 @@ class Look:
         inputs: A row of the problem's, shape (1, size).
         by: (2) ``B``: how the unknowns vary with what is free along equilibria, shape (n, k).
         room: What is left of each limit of the shape, shape (count,).
+        rounded: What of that is rounding, shape (count,).
     """
 
     unknowns: FloatArray
     inputs: FloatArray
     by: FloatArray
     room: FloatArray
+    rounded: FloatArray
 
     @property
     def within(self) -> bool:
         """Whether it is within all limits; what is not known is not."""
-        return self.leaves(0.0)
+        return bool((self.room >= -self.rounded).all())
 
-    def leaves(self, least: float) -> bool:
-        """Whether each limit leaves so much at least."""
-        return bool((self.room >= least).all())
+    def no_nearer(self, last: "Look") -> NDArray[np.bool_]:
+        """Which limits it is within, and no nearer to than the last command was, shape (count,)."""
+        return np.asarray((self.room >= -self.rounded) & (self.room >= last.room - 0.1 * self.rounded))
 
 
 class ShapeLimits:
@@ -81,7 +86,8 @@ class ShapeLimits:
         device: Warp device.
 
     Attributes:
-        count: Limits of the shape.
+        names: Limits of the shape.
+        last: What was found at the last command.
         longest: Step that the next sample may take, in units (9).
         integrations: Of looks, each of an instance or of its shape, since it was last set to zero.
     """
@@ -100,7 +106,9 @@ class ShapeLimits:
         self._one = Task.of(robot, inputs, free, integrator=integrator, device=device)
         many = inputs.with_arrays({name: np.tile(value, (len(unit), 1)) for name, value in inputs.arrays.items()})
         self._probes = Task.of(robot, many, free, integrator=integrator, device=device)
-        self.count = (limits.curvature is not None) + (limits.stability_margin is not None)
+        self.names = tuple(name for name in ("curvature", "stability_margin") if getattr(limits, name) is not None)
+        self.last: Look
+        self._rounded = ROUNDED[[limits.curvature is not None, limits.stability_margin is not None]]
         self.integrations = 0
         self.longest = LONGEST
 
@@ -114,29 +122,41 @@ class ShapeLimits:
             self.integrations += 1
             towards, by = self._one.last().eliminated
         there = unknowns + towards
-        return Look(there, np.array(inputs), by[0], self._room(self._one, there, inputs)[0])
+        return Look(there, np.array(inputs), by[0], self._room(self._one, there, inputs)[0], self._rounded)
 
-    def accepts(self, found: Look, last: FloatArray) -> bool:
-        """Whether a command is within all limits: else the next steps are half as long as the one from ``last`` (k,), from then
-        on each twice as long as the one before."""
-        accepted = found.leaves(LEAST_ROOM)
-        if accepted:
-            self.longest = min(2 * self.longest, LONGEST)
-        else:
-            step = (found.inputs[0, self._one.places] - last) / self._unit
+    def refuses(self, found: Look) -> NDArray[np.bool_]:
+        """Which limits, (count,), a command is beyond, or nearly so and nearer than the last one: then the next step is half as
+        long as the one between them, from then on each twice as long as the one before."""
+        refused = ~((found.room >= LEAST_ROOM) | found.no_nearer(self.last))
+        if refused.any():
+            step = (found.inputs - self.last.inputs)[0, self._one.places] / self._unit
             self.longest = 0.5 * min(self.longest, float(np.abs(step).max()))
-        return accepted
+        else:
+            self.longest = min(2 * self.longest, LONGEST)
+        return refused
+
+    def said(self, found: Look) -> str:
+        """What a look has found, in words."""
+        parts, room = [], iter(found.room.tolist())
+        if self._limits.curvature is not None:
+            parts.append(f"the largest curvature is {self._limits.curvature * (1 - next(room)):.4g} 1/m")
+        if self._limits.stability_margin is not None:
+            margin = self._limits.stability_margin + next(room)
+            parts.append(f"the stability margin is {'not known' if np.isnan(margin) else f'{margin:.4g}'}")
+        return " and ".join(parts)
 
     def rows(self, found: Look) -> tuple[FloatArray, FloatArray]:
-        """(18) ``matrix p <= high``, shapes (count, k) and (count,), of steps from a command."""
-        matrix, high = np.zeros((self.count, len(self._unit))), np.full(self.count, np.inf)
-        near = found.room < ASKED_BELOW if self.longest == LONGEST else np.ones(self.count, dtype=bool)
+        """(18) ``matrix p <= high``, shapes (count, k) and (count,), of steps from a command, which is the last from now on."""
+        self.last = found
+        matrix, high = np.zeros((len(self.names), len(self._unit))), np.full(len(self.names), np.inf)
+        near = found.room < ASKED_BELOW if self.longest == LONGEST else np.ones(len(self.names), dtype=bool)
         if near.any():
             places, step = self._probes.places, PROBE * self._unit
             many = np.repeat(found.inputs, len(step), axis=0)
             many[:, places] += np.diag(step)
             probed = self._room(self._probes, found.unknowns + found.by.T * step[:, None], many)
             slope = (probed - found.room).T / step
+            slope[np.abs(slope) * self._unit < FLAT] = 0.0
             near &= np.isfinite(slope).all(axis=1)
             matrix[near] = -slope[near]
             high[near] = np.maximum(found.room - INSET, 0.0)[near] + matrix[near] @ found.inputs[0, places]
