@@ -128,9 +128,10 @@ _MESSAGES = {
     "buckle, or give a guess, such as one of equilibria()",
     Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it; lead it there from where it is "
     "stable (simulate), or give another guess; of an inverse problem, ask for another pose",
-    Status.OUT_OF_LIMITS: "the translations that lead to this pose are beyond the limits that inverse() was given, or leave "
-    "nothing of a leg in use; or the shape at the start of reach() is beyond its limits, or its stability margin is limited and "
-    "not known: ask for another pose, give wider limits, or begin elsewhere",
+    Status.OUT_OF_LIMITS: "the shape at the start of reach(), or at a controller's last command, is beyond its limits, or its "
+    "stability margin is limited and not known; or, of inverse(), the translations that lead to this pose are "
+    "beyond the limits that it was given, or leave nothing of a leg in use: ask for another pose, give wider "
+    "limits, or begin elsewhere",
     Status.LINE_LIMIT: "a line is where its law ends, pulled or bent to less than a tenth of its rod's length at some place; or, "
     "with discs, so tight that lines together buckle the rod between two; or, with members of other packages, what the rod "
     "carries has no strains: lower tensions, displacements or loads, or move discs closer (docs/lines.md)",

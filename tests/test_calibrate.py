@@ -129,3 +129,37 @@ def test_a_stiffness_is_found_by_curvatures_of_several_shapes():
     sensor = mr.Curvature(at=(0.1, 0.25), value=shape.curvature[:, [100, 250], :2], sigma=1e-2)
     fit = mr.calibrate(robot, robot.inputs(tip_force=force), parameters="bending_stiffness", measured=sensor).raise_if_failed()
     np.testing.assert_allclose(fit.value("bending_stiffness"), 1.2, rtol=1e-4)
+
+
+def test_numbers_that_are_hardly_seen_are_named_where_they_lead_nowhere(wire, make_pose):
+    """The torsional stiffness of a straight rod that next to nothing twists, by positions alone."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    real = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.25, torsional_stiffness=0.0638))
+    force, moment = np.array([(0.3, 0, 0), (0.2, 0, 0), (0.1, 0, 0.1)]), np.array([(0, 0, 1e-7)] * 3)
+    inputs = robot.inputs(tip_force=force, tip_moment=moment)
+    tips = mr.solve(real, real.inputs(tip_force=force, tip_moment=moment))
+    seen = mr.Pose(position=tips.tip_position + (0, 1e-5, 0), sigma=POSITION)
+    fit = mr.calibrate(robot, inputs, parameters=("bending_stiffness", "torsional_stiffness"), measured=seen)
+    assert fit.failed
+    with pytest.raises(mr.SolveError, match="next to nothing of rod 1: torsional_stiffness.*: give these a Prior"):
+        fit.raise_if_failed()
+    assert "give these a Prior" in repr(fit)
+    fitted = {"bending_stiffness": mr.Prior(), "torsional_stiffness": mr.Prior(sigma=0.3)}
+    known = mr.calibrate(robot, inputs, parameters=fitted, measured=seen).raise_if_failed()
+    assert known.value("bending_stiffness")[0] == pytest.approx(0.25 / 0.2233, abs=4 * known.sigma("bending_stiffness")[0])
+
+
+def test_one_rod_of_several_is_fitted_by_priors(make_pose):
+    """Of the others the prior leaves nothing to be found."""
+    legs = [mr.Rod(length=0.3, bending_stiffness=0.05, torsional_stiffness=0.04) for _ in range(3)]
+    places = [make_pose((0, 0, 0), (0.06 * np.cos(a), 0.06 * np.sin(a), 0)) for a in (0, 2.1, 4.2)]
+    robot = mr.ParallelRods(legs=legs, base=places, platform=places)
+    real = mr.ParallelRods(
+        legs=[legs[0], mr.Rod(length=0.3, bending_stiffness=0.06, torsional_stiffness=0.04), legs[2]], base=places, platform=places
+    )
+    pulls = {"tip_force": 0.5 * np.array([(1, 0, 0), (0, 1, 0), (1, 1, 0)]), "translation": [0.01, 0, 0]}
+    tips = mr.solve(real, real.inputs(**pulls))
+    seen = mr.Pose(position=tips.tip_position, rotation=tips.tip_rotation, sigma=(POSITION, ANGLE))
+    alone = {"bending_stiffness": mr.Prior(sigma=[1e-9, np.inf, 1e-9])}
+    fit = mr.calibrate(robot, robot.inputs(**pulls), parameters=alone, measured=seen).raise_if_failed()
+    np.testing.assert_allclose(fit.value("bending_stiffness"), (1, 1.2, 1), atol=1e-4)

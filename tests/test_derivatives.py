@@ -346,6 +346,7 @@ def test_a_moved_base_carries_the_robot_and_leaves_the_loads(bent, make_pose):
         (lambda s: s.jacobian("rotation", of="curvature", at=0.5), "must be > 0 and <= 0.4 m"),
         (lambda s: s.jacobian("rotation", of="position", at=(0.2, 0.1)), "must be one arclength or several, rising"),
         (lambda s: s.jacobian("rotation", at=0.1), "must not be given of pose"),
+        (lambda s: s.jacobian("rotation", rod=0), "must not be given of pose"),
         (lambda s: s.vjp((1, 2), wrt="rotation"), "cotangent"),
         (lambda s: s.vjp((1, 2, 3), of="tip", wrt="rotation"), "of = 'tip'"),
     ],

@@ -11,6 +11,7 @@ from multirod.inputs import Inputs
 from multirod.results.solution import Solution, SolveError
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Solver
+from multirod.status import Status
 from multirod.tasks.estimating.estimate import SEEN
 from multirod.tasks.estimating.fit import Fit
 from multirod.tasks.estimating.inference import kept
@@ -20,6 +21,8 @@ from multirod.tasks.measuring.curvature import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, choice, device_name, frozen, instance, meant, positive_int, refuse, shown
+
+HARDLY_SEEN = 1.0  # deviation, of stiffnesses over what they were, of precurvatures in 1/m: a step there is a leap
 
 
 class Calibration(Generic[Robot_co]):
@@ -56,8 +59,11 @@ class Calibration(Generic[Robot_co]):
         self.missing: NDArray[np.bool_] = frozen(fit.missing)
         self.misfit, self.degrees = float(fit.square), fit.degrees
         self._places, self._prior = numbers.places, numbers.prior
-        lost = np.nan if self.failed else 1.0
-        self._values, self._covariance = lost * numbers.values(fit.p), lost * numbers.covariance(fit.p, fit.covariance)
+        lost, covariance = np.nan if self.failed else 1.0, numbers.covariance(fit.p, fit.covariance)
+        self._values, self._covariance = lost * numbers.values(fit.p), lost * covariance
+        self._hardly_seen = [
+            label for label, spread in zip(self.labels, np.sqrt(np.diagonal(covariance)), strict=True) if spread > HARDLY_SEEN
+        ]
 
     @property
     def failed(self) -> bool:
@@ -90,15 +96,22 @@ class Calibration(Generic[Robot_co]):
             SolveError: Otherwise.
         """
         if self.failed:
-            raise SolveError(f"calibrate(): {self.status.name} after {self.iterations} iterations: {self.status.message}")
+            raise SolveError(f"calibrate(): {self.status.name} after {self.iterations} iterations: {self._why}")
         return self
+
+    @property
+    def _why(self) -> str:
+        """Why it failed, for people."""
+        if self.status is not Status.STALLED or not self._hardly_seen:
+            return self.status.message
+        return f"the measurements say next to nothing of {', '.join(self._hardly_seen)}: give these a Prior, or measure more"
 
     def _place(self, name: str) -> slice:
         return self._places[choice("name", name, self._places)]
 
     def __repr__(self) -> str:
         if self.failed:
-            return f"Calibration({self.status.name}: {self.status.message})"
+            return f"Calibration({self.status.name}: {self._why})"
         seen = np.concatenate([self.observable[name] for name in self.parameters])
         sigma = np.sqrt(np.diagonal(self._covariance))
         width = max(map(len, self.labels))
