@@ -154,9 +154,8 @@ def test_one_rod_of_several_is_fitted_by_priors(make_pose):
     legs = [mr.Rod(length=0.3, bending_stiffness=0.05, torsional_stiffness=0.04) for _ in range(3)]
     places = [make_pose((0, 0, 0), (0.06 * np.cos(a), 0.06 * np.sin(a), 0)) for a in (0, 2.1, 4.2)]
     robot = mr.ParallelRods(legs=legs, base=places, platform=places)
-    real = mr.ParallelRods(
-        legs=[legs[0], mr.Rod(length=0.3, bending_stiffness=0.06, torsional_stiffness=0.04), legs[2]], base=places, platform=places
-    )
+    stiffer = mr.Rod(length=0.3, bending_stiffness=0.06, torsional_stiffness=0.04)
+    real = mr.ParallelRods(legs=[legs[0], stiffer, legs[2]], base=places, platform=places)
     pulls = {"tip_force": 0.5 * np.array([(1, 0, 0), (0, 1, 0), (1, 1, 0)]), "translation": [0.01, 0, 0]}
     tips = mr.solve(real, real.inputs(**pulls))
     seen = mr.Pose(position=tips.tip_position, rotation=tips.tip_rotation, sigma=(POSITION, ANGLE))
