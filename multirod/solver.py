@@ -97,9 +97,9 @@ SETTLED = (
 )
 
 
-def knows(guess: FloatArray) -> NDArray[np.bool_]:
-    """Of which instances there is a guess, (instance_count,): what failed is NaN."""
-    return np.asarray(np.isfinite(guess).all(axis=1))
+def knows(problem: BoundaryProblem, guess: FloatArray) -> NDArray[np.bool_]:
+    """Of which instances there is a guess, (instance_count,): what failed is NaN, and what is straight and taut tells nothing."""
+    return np.asarray(np.isfinite(guess).all(axis=1) & ~problem.tells_nothing(guess))
 
 
 def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
@@ -166,7 +166,7 @@ class Solver(ABC):
         if reasons:
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
         with problem.alone, problem.everyone(), problem.at_load(1.0):
-            known = None if guess is None else knows(guess)
+            known = None if guess is None else knows(problem, guess)
             if guess is None or known is None or known.all():
                 outcome = self._solve(problem, guess)
             elif known.any() and problem.parts is not None:

@@ -268,7 +268,7 @@ class _Resumed(Track):
         paths = solver._paths(problem, everyone, np.full(len(everyone), solver.max_integrations))
         if first is not None:
             results = paths.solve_from(first)
-            self._anew(paths, results, ~knows(first))
+            self._anew(paths, results, ~knows(self.problem, first))
         elif not self.known.any():
             results = solver._natural(problem, paths)
         else:

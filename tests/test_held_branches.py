@@ -449,3 +449,24 @@ def test_a_rod_that_is_pushed_out_is_a_longer_one(stiffness, joint):
     ):
         inputs = short.inputs(translation=translation * LENGTH, end_position=(0, 0, end * LENGTH))
         assert mr.solve(short, inputs).status is status
+
+
+@pytest.mark.parametrize("stiffness", [EI, (40 * EI, EI)], ids=["round", "strip"])
+@pytest.mark.parametrize("push", ["translation", "end_position"])
+def test_a_motion_goes_on_from_a_straight_rod_that_does_not_stretch(stiffness, push):
+    """Nothing tells its thrust there: every sample failed that came after one, and one that came back to it was unstable."""
+    robot = mr.HeldRod(mr.Rod(length=LENGTH, bending_stiffness=stiffness, torsional_stiffness=0.75 * EI))
+    part = np.array([0, 0.01, 0.02, 0, 0.02, 0.03, 0, 0, 0.01])
+    values = part * LENGTH if push == "translation" else -part[:, None] * LENGTH * (0, 0, 1)
+    motion = mr.simulate(robot, robot.inputs(**{push: values}), time=np.arange(float(len(part)))).raise_if_failed()
+    apart = mr.solve(robot, robot.inputs(**{push: values})).raise_if_failed()
+    tracker = mr.Tracker(robot, guess=apart[0])
+    steps = [tracker.step(**{push: value}) for value in values]
+    again = mr.solve(robot, robot.inputs(**{push: values[1]}), guess=apart[0])
+    middle = apart.rod(0, nodes=3).position[:, 1]
+    assert (np.linalg.norm(middle[part > 0, :2], axis=1) > 0.05 * LENGTH).all()
+    bent = part > 0
+    assert (motion.stability[bent] == mr.Stability.STABLE).all()
+    np.testing.assert_allclose(motion.rod(0, nodes=3).position[:, 1], middle, atol=1e-6 * LENGTH)
+    np.testing.assert_allclose([own.rod(0, nodes=3).position[1] for own in steps], middle, atol=1e-6 * LENGTH)
+    np.testing.assert_allclose(again.rod(0, nodes=3).position[1], middle[1], atol=1e-6 * LENGTH)

@@ -409,6 +409,21 @@ class BoundaryProblem(Buffers, ABC):
         (instance_count,); False where that is not known."""
         return np.zeros(self.instance_count, dtype=bool)
 
+    @property
+    def may_be_taut(self) -> bool:
+        """Whether ``taut`` may say so of an instance at some inputs."""
+        return False
+
+    def taut(self) -> NDArray[np.bool_]:
+        """Whether a rod that does not stretch is held at its full length, shape (instance_count,): it can but be straight, with
+        any force along itself, and no branch leads from there or to there."""
+        return np.zeros(self.instance_count, dtype=bool)
+
+    def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:
+        """Whether unknowns (instance_count, n) are those of a rod that is ``taut``: as a guess they lead nowhere. Shape
+        (instance_count,)."""
+        return np.zeros(self.instance_count, dtype=bool)
+
     def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
         """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
         of why, where that says more than ``status`` does."""

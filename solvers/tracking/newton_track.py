@@ -63,6 +63,7 @@ class NewtonTrack(Track):
         self.all_known = False
         # where branches are near: what came there by an event
         self.fresh, self._any_fresh = np.zeros(problem.instance_count, dtype=bool), False
+        self._taut = np.zeros(problem.instance_count, dtype=bool)  # at this sample, which neither follows nor is followed
 
     @property
     def last(self) -> FloatArray:
@@ -71,13 +72,14 @@ class NewtonTrack(Track):
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as the sample before the first, of instances whose row is not NaN."""
-        self.known = knows(unknowns)
+        self.known = knows(self.problem, unknowns)
         self.all_known = bool(self.known.all())
         self._past[:, 0], self._points[0] = np.where(self.known[:, None], unknowns, self.problem.guess()), 1
 
     def step(self) -> Outcome:
         """Extrapolate, iterate to the tolerance, and make sure of the branch."""
         problem, newton = self.problem, self.newton
+        self._forget_taut()
         if self.all_known and self.inputs is not None and not self._any_fresh and (calls := newton.calls()) is not None:
             if self._sample is None or self._sample[0] is not calls:
                 self._sample = calls, newton.repeating(calls, self._state)
@@ -116,6 +118,16 @@ class NewtonTrack(Track):
                 mine[~self.known] = theirs[~self.known]
             outcome.breakpoints, outcome.events = first.breakpoints, first.events
         return self._made_sure(outcome, first)
+
+    def _forget_taut(self) -> None:
+        """What is taut is solved without a guess, as is what comes after it."""
+        if not self.problem.may_be_taut:
+            return
+        self._taut = self.problem.taut()
+        if self._taut.any():
+            self.known &= ~self._taut
+            self.fresh &= ~self._taut
+            self.all_known = False
 
     def _made_sure(self, outcome: Outcome, first: Outcome | None) -> Outcome:
         """What may have left its branch is solved again, and the sample is kept."""
@@ -220,6 +232,7 @@ class NewtonTrack(Track):
             self._last_inputs[:] = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
             self.newton.set_reference(good)
             self.known |= good
+            self.known &= ~self._taut
             self.all_known = bool(self.known.all())
         self.inputs = self._last_inputs
         self._any_fresh = bool(self.fresh.any())

@@ -57,7 +57,7 @@ class SampledTrack(Track):
 
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` as those of the first sample, of instances whose row is not NaN."""
-        known = knows(unknowns)[:, None]
+        known = knows(self.problem, unknowns)[:, None]
         self.state.following.assign(np.where(known, unknowns, self.state.following.numpy()))
 
     def step(self) -> Outcome:
