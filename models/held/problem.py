@@ -400,8 +400,8 @@ class HeldProblem(BoundaryProblem):
     def straight_at_rest(self) -> NDArray[np.bool_]:
         """Whether no part of the rod is bent at rest, shape (instance_count,)."""
         curvature = self.rod.arrays.precurvature
-        bent = curvature.reshape(*curvature.shape[:3], -1, 3)[..., :2].any(axis=(1, 2, 3, 4))
-        return np.asarray(self.rod.each(~bent))
+        bent = np.abs(curvature.reshape(*curvature.shape[:3], -1, 3)[..., :2]).max(axis=(1, 2, 3, 4))
+        return np.asarray(self.rod.each(bent) == 0)
 
     def _ends_apart(self) -> FloatArray:
         """(17) How far the ends' holders are apart [m], but for what the end slides, shape (instance_count,)."""
