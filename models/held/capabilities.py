@@ -1,4 +1,4 @@
-"""What a held rod offers of its rod: parts, shapes and lines."""
+"""What a held rod offers of its rod: parts, shapes, lines, and how far it reaches."""
 
 from typing import TYPE_CHECKING
 
@@ -10,12 +10,18 @@ from multirod.capabilities import Lines, Shapes
 from multirod.integrators import Integrator
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.held.along import by_own_unknowns
+from multirod.models.held.start import BUCKLED
+from multirod.models.held.table import straight_at_rest
 from multirod.problem import Shape
 from multirod.segments import taken
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
+
+
+STRAIGHT = 1e-6  # moments and forces across a rod, in EI/L and EI/L^2, by which nothing bends it
+TAUT = 1e-9  # of the length, by which rounding may have ends farther apart
 
 
 class HeldParts(PartsAtEqualSteps["HeldProblem"]):
@@ -82,3 +88,45 @@ class HeldLines(Lines):
     def length_columns(self, *names: str) -> FloatArray:
         """As said."""
         return by_own_unknowns(self.problem, self._of_rod().length_columns(*names))
+
+
+class Reach:
+    """How far the ends of a ``HeldProblem`` may be apart."""
+
+    def __init__(self, problem: "HeldProblem") -> None:
+        self.problem = problem
+        self.everyone = np.ones(problem.instance_count, dtype=bool)
+
+    @property
+    def is_known(self) -> bool:
+        """Of a rod that neither stretches nor shears, whose length is all that its line can have."""
+        return not self.problem.rod.features.shear
+
+    @property
+    def ends(self) -> bool:
+        """Whether the rod is taut where it does, with any thrust: not where the end slides."""
+        return self.is_known and self.problem.holders.slide is None
+
+    def exceeded(self) -> NDArray[np.bool_]:
+        """(17) ``HeldProblem.out_of_reach``."""
+        return np.asarray(self._apart() > (1 + TAUT) * self.problem.length_in_use()) if self.is_known else ~self.everyone
+
+    def attained(self) -> NDArray[np.bool_]:
+        """``HeldProblem.taut``: where it is shorter by no more than what a rod begins buckled from, too."""
+        return np.asarray(self._apart() > (1 - BUCKLED) * self.problem.length_in_use()) if self.ends else ~self.everyone
+
+    def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:
+        """``HeldProblem.tells_nothing``: straight at rest, and nothing bends it."""
+        if not self.ends:
+            return ~self.everyone
+        across = np.delete(unknowns, [2, self.problem.rod.unknown_count - 1], axis=1)
+        return np.asarray((np.abs(across).max(axis=1) * self.problem.length < STRAIGHT) & straight_at_rest(self.problem))
+
+    def _apart(self) -> FloatArray:
+        """(17) The ends' holders [m], but for what the end slides, shape (instance_count,)."""
+        position, frame = self.problem.goal()
+        away = position - np.broadcast_to(self.problem.rod.table.base_position.numpy(), position.shape)
+        if (slide := self.problem.holders.slide) is not None:
+            along = frame @ slide
+            away = away - (away * along).sum(axis=1)[:, None] * along
+        return np.asarray(np.linalg.norm(away, axis=1))

@@ -17,21 +17,18 @@ from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.held import held_kernels as kernels
 from multirod.models.held.along import HeldSensing, columns_along
-from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes
+from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, Reach
 from multirod.models.held.clamps import HeldClamps
 from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, Holders
 from multirod.models.held.segments import HeldBackbone, HeldSegments
 from multirod.models.held.stability import HeldStability
-from multirod.models.held.start import BUCKLED, INTEGRATIONS_AT_REST, begin
+from multirod.models.held.start import INTEGRATIONS_AT_REST, begin
 from multirod.models.held.starts import HeldStarts
 from multirod.models.held.table import alike, make_table
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import left_jacobian, matrices
 from multirod.segments import Breakpoints
 from multirod.validation import FloatArray
-
-STRAIGHT = 1e-6  # moments and forces across a rod, in EI/L and EI/L^2, by which nothing bends it
-TAUT = 1e-9  # of the length, by which rounding may have ends farther apart
 
 
 class HeldProblem(BoundaryProblem):
@@ -89,7 +86,7 @@ class HeldProblem(BoundaryProblem):
         self.base_frame, self.end_position, self.end_frame = base[:, :3, :3], end[:, :3, 3], end[:, :3, :3]
         self.length = np.array(self.rod.each(self.rod.arrays.end[:, 0, -1]))
         self.stiffness = np.array(self.rod.each(self.rod.arrays.material[:, 0, 0, :2]).max(axis=1))
-        self.alike = alike(self)
+        self.alike, self.reach = alike(self), Reach(self)
         self.table = make_table(self, pieces)
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
@@ -370,47 +367,18 @@ class HeldProblem(BoundaryProblem):
         """Of the rod, from its base on, by which ``translation`` it is pushed out [m], shape (instance_count,)."""
         return np.asarray(self.length + self.read("inputs")[:, self.input_slice("translation")][:, 0])
 
-    def out_of_reach(self) -> NDArray[np.bool_]:
-        """(17) As said: of a rod that neither stretches nor shears, whose length is all that its line can have."""
-        if self.rod.features.shear:
-            return np.zeros(self.instance_count, dtype=bool)
-        return np.asarray(self._ends_apart() > (1 + TAUT) * self.length_in_use())
-
     @property
-    def may_be_taut(self) -> bool:
-        """As said; an end that slides gives way."""
-        return not self.rod.features.shear and self.holders.slide is None
+    def may_be_taut(self) -> bool:  # noqa: D102
+        return self.reach.ends
 
-    def taut(self) -> NDArray[np.bool_]:
-        """As said; where it is shorter by no more than what it begins buckled from."""
-        if not self.may_be_taut:
-            return np.zeros(self.instance_count, dtype=bool)
-        return np.asarray(self._ends_apart() > (1 - BUCKLED) * self.length_in_use())
+    def out_of_reach(self) -> NDArray[np.bool_]:  # noqa: D102
+        return self.reach.exceeded()
 
-    def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:
-        """As said: straight at rest, and nothing bends it."""
-        if not self.may_be_taut:
-            return np.zeros(self.instance_count, dtype=bool)
-        across = np.delete(unknowns, [2, self.rod.unknown_count - 1], axis=1)
-        with np.errstate(invalid="ignore"):
-            unbent = np.abs(across).max(axis=1) * self.length < STRAIGHT
-        return np.asarray(unbent & self.straight_at_rest)
+    def taut(self) -> NDArray[np.bool_]:  # noqa: D102
+        return self.reach.attained()
 
-    @cached_property
-    def straight_at_rest(self) -> NDArray[np.bool_]:
-        """Whether no part of the rod is bent at rest, shape (instance_count,)."""
-        curvature = self.rod.arrays.precurvature
-        bent = np.abs(curvature.reshape(*curvature.shape[:3], -1, 3)[..., :2]).max(axis=(1, 2, 3, 4))
-        return np.asarray(self.rod.each(bent) == 0)
-
-    def _ends_apart(self) -> FloatArray:
-        """(17) How far the ends' holders are apart [m], but for what the end slides, shape (instance_count,)."""
-        position, frame = self.goal()
-        away = position - np.broadcast_to(self.rod.table.base_position.numpy(), position.shape)
-        if self.holders.slide is not None:
-            along = frame @ self.holders.slide
-            away = away - (away * along).sum(axis=1)[:, None] * along
-        return np.asarray(np.linalg.norm(away, axis=1))
+    def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:  # noqa: D102
+        return self.reach.tells_nothing(unknowns)
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         return np.maximum(self.rod.curvature_scale(), self.turning_angle() / self.length)

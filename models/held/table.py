@@ -63,6 +63,12 @@ def alike(problem: "HeldProblem") -> NDArray[np.bool_]:
         return np.zeros(problem.instance_count, dtype=bool)
     if problem.holders.slide is not None and abs(problem.holders.slide[2]) < 1 - kernels.ON_AXIS:
         return np.zeros(problem.instance_count, dtype=bool)
-    bent = arrays.precurvature.reshape(*arrays.precurvature.shape[:3], -1, 3)[..., :2].any(axis=(1, 2, 3, 4))
     same = (material[..., 0] == material[..., 1]).all(axis=1) & (material[..., 6] == material[..., 7]).all(axis=1)
-    return np.asarray(problem.rod.each(same & ~bent))
+    return np.asarray((problem.rod.each(same) == 1) & straight_at_rest(problem))
+
+
+def straight_at_rest(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """Whether no part of the rod is bent at rest, shape (instance_count,)."""
+    curvature = problem.rod.arrays.precurvature
+    bent = np.abs(curvature.reshape(*curvature.shape[:3], -1, 3)[..., :2]).max(axis=(1, 2, 3, 4))
+    return np.asarray(problem.rod.each(bent) == 0)
