@@ -276,7 +276,7 @@ def stiffness(solution: "Solution[Any]") -> FloatArray:
         raise AttributeError(f"{type(assembly).__name__} has no stiffness of its end: something holds it")
     parts = [np.arange(assembly.column_count(name))[own] for name, own in loads.items()]
     columns = np.concatenate([parts[0], assembly.column_count(next(iter(loads))) + parts[1]])
-    compliance = np.array(jacobian(solution, tuple(loads), "pose", None, 0)[..., columns])
+    compliance = np.array(jacobian(solution, tuple(loads), "pose", None, None)[..., columns])
     if "force_point" in names:
         arm = (solution.tip_rotation @ solution.inputs.force_point[..., None])[..., 0]
         compliance[..., :3] -= compliance[..., 3:] @ cross_matrix(arm)
