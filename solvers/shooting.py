@@ -55,7 +55,8 @@ class Shooting(Solver):
             status ``BIFURCATED`` or ``SNAPPED``, or in a ``solve`` of tubes to ``LOWEST_ENERGY`` (``docs/branches.md``);
             ``"stop"`` ends there, with the status ``BRANCH_END``, and no other equilibrium is looked for.
         side: To which side it goes at a bifurcation: ``"positive"``, where the tip moves along a positive axis of the world, or
-            ``"negative"``, to its twin.
+            ``"negative"``, to its twin. Of a held rod that does not stretch, whose ends are pushed together, it is its middle
+            that moves so (``docs/held.md``).
 
     Raises:
         ValueError: If a field is out of range.
@@ -84,6 +85,10 @@ class Shooting(Solver):
         choice("Shooting.at_fold", self.at_fold, AT_FOLD)
         choice("Shooting.side", self.side, SIDES)
 
+    @property
+    def _sign(self) -> int:
+        return 1 if self.side == SIDES[0] else -1
+
     def newton(self, problem: BoundaryProblem) -> Newton:
         """Newton's iteration on a problem, with these options."""
         return Newton(problem, tolerance=self.tolerance, max_iterations=self.max_iterations, line_search=self.line_search)
@@ -98,7 +103,7 @@ class Shooting(Solver):
         return newton
 
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
-        newton = self._newton(problem)
+        newton, problem.side = self._newton(problem), self._sign
         if guess is None:
             return self._first(problem, newton, poses_apart=True)
         problem.write("unknowns", guess)
@@ -261,7 +266,7 @@ class Shooting(Solver):
             tolerance=newton.tolerance(),
             allowed=self._left(outcome) if left is None else left,
             max_steps=self.max_continuation_steps,
-            side=1 if self.side == SIDES[0] else -1,
+            side=self._sign,
             before=before,
         )
         if self.fallback and before is None:
@@ -281,4 +286,5 @@ class Shooting(Solver):
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
         """Follow a motion, each sample from the last or from its extrapolation."""
+        problem.side = self._sign
         return NewtonTrack(self, problem, PREDICTORS.index(self.predictor))

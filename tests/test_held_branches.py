@@ -470,3 +470,39 @@ def test_a_motion_goes_on_from_a_straight_rod_that_does_not_stretch(stiffness, p
     np.testing.assert_allclose(motion.rod(0, nodes=3).position[:, 1], middle, atol=1e-6 * LENGTH)
     np.testing.assert_allclose([own.rod(0, nodes=3).position[1] for own in steps], middle, atol=1e-6 * LENGTH)
     np.testing.assert_allclose(again.rod(0, nodes=3).position[1], middle[1], atol=1e-6 * LENGTH)
+
+
+@pytest.mark.parametrize("turned", [0.0, np.pi], ids=["upright", "turned over"])
+def test_a_strip_pushed_together_goes_to_the_side_that_is_asked_for_or_where_a_load_takes_it(turned):
+    """Its side was that of the moment at its base, whatever was asked for and whatever acted."""
+    base = np.eye(4)
+    base[:3, :3] = Rotation.from_rotvec((0, turned, 0)).as_matrix()
+    robot = mr.HeldRod(mr.Rod(length=LENGTH, bending_stiffness=(40 * EI, EI), torsional_stiffness=0.75 * EI), base=base)
+
+    def aside(side="positive", **loads):
+        found = mr.solve(robot, robot.inputs(translation=0.05 * LENGTH, **loads), solver=mr.Shooting(side=side))
+        assert found.stability is mr.Stability.STABLE
+        return float(found.rod(0, nodes=3).position[1, 0]), float(found.potential)
+
+    positive, negative = aside(), aside("negative")
+    assert positive[0] > 0.1 * LENGTH
+    assert negative == pytest.approx((-positive[0], positive[1]), rel=1e-6)
+    load = np.array([0.1 * EI / LENGTH**3, 0, 0])
+    for side in ("positive", "negative"):
+        to, fro = aside(side, distributed_force=load), aside(side, distributed_force=-load)
+        assert to[0] > 0.1 * LENGTH
+        assert fro == pytest.approx((-to[0], to[1]), rel=1e-6)
+        assert to[1] < positive[1]
+    # what does no work on it tells nothing
+    assert aside("negative", distributed_force=(0, 0, load[0]))[0] == pytest.approx(negative[0], rel=1e-3)
+
+
+def test_both_sides_of_a_strip_that_is_pushed_together_by_little_are_among_its_equilibria():
+    """No other start of 2048 comes to them."""
+    robot = mr.HeldRod(mr.Rod(length=LENGTH, bending_stiffness=(40 * EI, EI), torsional_stiffness=0.75 * EI))
+    inputs = robot.inputs(end_position=(0, 0, -0.02 * LENGTH))
+    found, meant = mr.equilibria(robot, inputs, starts=128), mr.solve(robot, inputs)
+    middle, expected = found.rod(0, nodes=3).position[:2, 1], meant.rod(0, nodes=3).position[1]
+    assert (found.stability[:2] == mr.Stability.STABLE).all()
+    np.testing.assert_allclose(found.potential[:2], meant.potential, rtol=1e-7)
+    np.testing.assert_allclose(np.sort(middle[:, 0]), [-expected[0], expected[0]], rtol=1e-6)

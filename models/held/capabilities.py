@@ -40,7 +40,7 @@ class HeldParts(PartsAtEqualSteps["HeldProblem"]):
         options = {**whole.options, **({"pose_sensitivities": True} if poses else {})}
         inputs = whole.inputs_given.take(whole.batch_shape, instances)
         result = type(whole)(holders, inputs, integrator=integrator, pieces=pieces, **options)
-        result.stop = whole.stop
+        result.stop, result.side = whole.stop, whole.side
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
         for name in ("rest_position", "rest_turn", "opening", "direct"):

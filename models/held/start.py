@@ -23,8 +23,12 @@ ASIDE = 0.3  # part of that across the plane in which the end moves: no symmetry
 INTEGRATIONS_AT_REST = 3
 SETTLING = 4  # and more where a rod begins buckled
 REGULAR = 1e-7  # smallest singular value of Gamma at rest, from which the path begins there
+SINGULAR = 1e-12  # the same, to rounding
 # of its length, what a rod is shortened by that begins buckled: from where on it is, the least where its end is turned, the most
 BUCKLED, TURNED, MOST = 1e-6, 0.05, 0.3
+WEIGHED, WEIGHING = 0.1, 3  # load in EI/L^2 by which both sides are weighed, and integrations of each
+NOTED = 1e-7  # of EI/L: the least difference between their energies that is no rounding
+FIRST = 0.1  # part of a direction, that its first of x, y, z is at least, which tells its sign
 ALONG = 0.99  # cosine of the angle between axes that are taken for one
 
 
@@ -53,12 +57,16 @@ class Start:
         unknowns: Shape (instance_count, n).
         direct: Whether the path leads straight from there to the end, shape (instance_count,).
         buckled: Whether it is nearly the equilibrium of a rod whose end stands at ``end``, shape (instance_count,).
+        twin: The same, buckled to the other side, where nothing but loads and ``side`` tells which, shape (instance_count, n).
+        twofold: Whether that is so, shape (instance_count,).
         end: On the axis of the base, in the world, shape (instance_count, 3).
     """
 
     unknowns: FloatArray
     direct: NDArray[np.bool_]
     buckled: NDArray[np.bool_]
+    twin: FloatArray
+    twofold: NDArray[np.bool_]
     end: FloatArray
 
 
@@ -93,7 +101,7 @@ MODES = {  # by whether base and end turn freely about the axis
 def begin(problem: "HeldProblem") -> Begun:
     """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent."""
     x = np.zeros((problem.instance_count, problem.unknown_count))
-    buckled = np.zeros(problem.instance_count, dtype=bool)
+    buckled, weighed = np.zeros((2, problem.instance_count), dtype=bool)
     problem.table.opening.zero_(), problem.table.direct.zero_()
     with problem.everyone(), problem.at_load(0.0):
         problem.evaluate(x)
@@ -112,8 +120,11 @@ def begin(problem: "HeldProblem") -> Begun:
             residual, gamma = problem.evaluate(x)
             if buckled.any():
                 x, residual, gamma = _settled(problem, x, residual, gamma, buckled)
+            weighed = buckled & start.twofold & loaded(problem)
+            if weighed.any():
+                x, residual, gamma = _lower(problem, x, start, weighed)
             least = _least_singular_value(gamma)
-    return Begun(x, residual, least, INTEGRATIONS_AT_REST + SETTLING * buckled)
+    return Begun(x, residual, least, INTEGRATIONS_AT_REST + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed)
 
 
 def _settled(
@@ -122,15 +133,53 @@ def _settled(
     """The ``chosen`` after some steps of Newton's method, with residual and ``Gamma``; as they were where these lead away."""
     first, residuals, gammas = x, residual, gamma
     for _ in range(SETTLING):
-        step = np.zeros_like(x)
-        regular = chosen & (_least_singular_value(gamma) > 0)
-        step[regular] = np.linalg.solve(gamma[regular], residual[regular, :, None])[..., 0]
-        x = x - step
+        x = x - _newton_step(residual, gamma, chosen)
         residual, gamma = problem.evaluate(x)
     with np.errstate(invalid="ignore"):
         away = ~(np.abs(residual).max(axis=1) < np.abs(residuals).max(axis=1)) | ~chosen
     x[away], residual[away], gamma[away] = first[away], residuals[away], gammas[away]
     return x, residual, gamma
+
+
+def loaded(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """Whether anything acts on the rod or its end, shape (instance_count,)."""
+    inputs = problem.read("inputs")[:, 2:-1]  # neither turned nor pushed out, nor the scale of functions of arclength
+    inputs[:, problem.table.pose - 2 : problem.table.pose - 2 + 6] = 0.0
+    return np.asarray(inputs.any(axis=1) | (problem.rod.features.profile_degree >= 0))
+
+
+def _lower(
+    problem: "HeldProblem", x: FloatArray, start: Start, weighed: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of ``x`` and its twin that on which the loads do work, with residual and ``Gamma``: by the energies at a part of the load,
+    the end where it is, which must differ by more than rounding."""
+    twin = np.where(weighed[:, None], start.twin, x)
+    twin = _settled(problem, twin, *problem.evaluate(twin), weighed)[0]
+    level = WEIGHED / np.maximum(problem.load_scale(), WEIGHED)
+    standing = problem.table.rest_position.numpy()
+    problem.table.rest_position.assign((standing - level[:, None] * problem.goal()[0]) / np.maximum(1 - level, NOTED)[:, None])
+    energies = []
+    with problem.at_load(level):
+        for own in (x, twin):
+            found = own
+            for _ in range(WEIGHING):
+                found = found - _newton_step(*problem.evaluate(found), weighed)
+            problem.write("unknowns", found)
+            energies.append(problem.stability.potential())
+    problem.table.rest_position.assign(standing)
+    with np.errstate(invalid="ignore"):
+        better = weighed & (energies[1] < energies[0] - NOTED * problem.stiffness / problem.length)
+    x = np.where(better[:, None], twin, x)
+    return x, *problem.evaluate(x)
+
+
+def _newton_step(residual: FloatArray, gamma: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+    """Of the ``chosen``, (instance_count, n): of least norm where ``Gamma`` is singular, as of a rod that spins in two balls."""
+    step, least = np.zeros_like(residual), _least_singular_value(gamma)
+    regular, others = chosen & (least > SINGULAR), chosen & (least <= SINGULAR)
+    step[regular] = np.linalg.solve(gamma[regular], residual[regular, :, None])[..., 0]
+    step[others] = (np.linalg.pinv(gamma[others], rcond=SINGULAR) @ residual[others, :, None])[..., 0]
+    return step
 
 
 def _least_singular_value(gamma: FloatArray) -> FloatArray:
@@ -168,10 +217,22 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     arc = np.where(direct, across, ANGLE * (axis + ASIDE * aside)) / length
     result = np.array(unknowns)
     result[:, :2] += np.where(buckles, 0.0, arc[:, :2] * stiffness / problem.stiffness[:, None])
-    about = np.where(neutral, -axis, np.where((axis * softer).sum(axis=1)[:, None] > 0, -softer, softer))
-    result += np.where(buckles, _buckled(problem, about, soft, np.sqrt(short)), 0.0)
+    along = (axis * softer).sum(axis=1)[:, None]
+    about = np.where(neutral, -axis, np.where(along > 0, -softer, softer))
+    told = turned & (neutral | (np.abs(along) > ACROSS))  # by the way in which the end is turned
+    about = np.where(told, about, _to_side(problem, about))
+    bent = [np.where(buckles, _buckled(problem, sign * about, soft, np.sqrt(short)), 0.0) for sign in (1.0, -1.0)]
     end = base + (1 - short) * length * problem.base_frame[:, :, 2]
-    return Start(result, direct[:, 0], (buckles & (short > BUCKLED))[:, 0], end)
+    begins = (buckles & (short > BUCKLED))[:, 0]
+    return Start(result + bent[0], direct[:, 0], begins, result + bent[1], begins & ~told[:, 0], end)
+
+
+def _to_side(problem: "HeldProblem", axis: FloatArray) -> FloatArray:
+    """An axis (instance_count, 3) of the base or minus that: the rod that bends about it goes to the side asked for, by (5) of
+    ``docs/branches.md``."""
+    moves = np.einsum("bij,bj->bi", problem.base_frame, cross(axis, np.broadcast_to([0.0, 0.0, 1.0], axis.shape)))
+    first = np.argmax(np.abs(moves) >= FIRST * np.abs(moves).max(axis=1, keepdims=True), axis=1)
+    return axis * problem.side * np.sign(moves[np.arange(len(moves)), first])[:, None]
 
 
 def _buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, size: FloatArray) -> FloatArray:

@@ -109,6 +109,7 @@ class BoundaryProblem(Buffers, ABC):
         self.measured: tuple[str, ...] = ()
         self.rounding = DOUBLE_ROUNDING
         self.stop: Event | None = None
+        self.side = 1  # or -1: to which ``guess`` goes where nothing but a rule tells it
 
     def renew(self, inputs: Inputs) -> bool:
         """Be as a new problem at other inputs, of the same leading axes and the same that are not zero; False if it cannot, as by
@@ -117,7 +118,7 @@ class BoundaryProblem(Buffers, ABC):
 
     def _clear(self) -> None:
         super()._clear()
-        self.breakpoints, self.stop, self.budget = {}, None, None
+        self.breakpoints, self.stop, self.budget, self.side = {}, None, None, 1
 
     def expect_judging(self) -> None:
         """Be told that ``stability`` will be asked for often: what takes a kernel of its own may pay from here on."""

@@ -1,6 +1,7 @@
 """All equilibria of one robot at one set of inputs."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 from warnings import warn
@@ -15,7 +16,7 @@ from multirod.problem import BoundaryProblem
 from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.running.simulation import solve
 from multirod.solvers.continuation import Branch
-from multirod.solvers.shooting import Shooting
+from multirod.solvers.shooting import SIDES, Shooting
 from multirod.solvers.starting import MOST_STARTS, SAME_WITHIN, STARTS_IN_A_ROUND, Catalogue, converge, degrees, limits
 from multirod.stability import Stability
 from multirod.status import Status, failures
@@ -146,6 +147,8 @@ def equilibria(
             catalogue.end_round()
             if catalogue.settled:
                 break
+        if alone.may_be_taut:
+            _take_meant(catalogue, alone, method, budget)
         for chunk in _chunks(_connected(robot, inputs, method, device, budget), count):
             reached = converge(problem, newton, chunk, everyone, np.inf)
             _take(catalogue, problem, reached)
@@ -197,6 +200,20 @@ def _take(catalogue: Catalogue, problem: BoundaryProblem, reached: NDArray[np.bo
         catalogue.add(unknowns[k], gamma[k])
     for k in np.flatnonzero(~reached & beside):
         catalogue.add_beside(unknowns[k], residual[k], gamma[k])
+
+
+def _take_meant(catalogue: Catalogue, problem: BoundaryProblem, method: Shooting, budget: Budget) -> None:
+    """Add what ``solve`` means, to both sides: starts hardly ever come to a rod that is pushed together by little."""
+    problem.budget = None
+    for side in SIDES:
+        outcome = within(replace(method, side=side), budget).solve(problem)
+        budget.spend(int(outcome.integrations[0]))
+        if not failures(outcome.status)[0] and not outcome.breakpoints:
+            found, gamma = problem.read("unknowns")[0], problem.read("gamma").reshape(problem.unknown_count, -1)
+            problem.budget = budget
+            catalogue.add(found, gamma)
+            problem.budget = None
+    problem.budget = budget
 
 
 def _signs(found: Solution) -> FloatArray:
