@@ -232,7 +232,7 @@ def _to_side(problem: "HeldProblem", axis: FloatArray) -> FloatArray:
     ``docs/branches.md``."""
     moves = np.einsum("bij,bj->bi", problem.base_frame, cross(axis, np.broadcast_to([0.0, 0.0, 1.0], axis.shape)))
     first = np.argmax(np.abs(moves) >= FIRST * np.abs(moves).max(axis=1, keepdims=True), axis=1)
-    return axis * problem.side * np.sign(moves[np.arange(len(moves)), first])[:, None]
+    return np.asarray(axis * problem.side * np.sign(moves[np.arange(len(moves)), first])[:, None])
 
 
 def _buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, size: FloatArray) -> FloatArray:
