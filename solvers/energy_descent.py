@@ -12,7 +12,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
 from multirod.solvers.tracking.energy_descent_kernels import NUDGE, DescentState, make_descent
 from multirod.solvers.tracking.sampled import SampledTrack
-from multirod.status import Status
+from multirod.status import BoolArray, IntArray, Status
 from multirod.validation import FloatArray, boolean, positive_float, positive_int
 
 
@@ -137,7 +137,7 @@ class EnergyDescentTrack(SampledTrack):
         self._pairs.update()
         self._launch.launch()
 
-    def _settled(self, tolerance: FloatArray) -> Any:
+    def _settled(self, tolerance: FloatArray) -> BoolArray:
         state, held = self.state, self.state.margin.numpy() > 0
         within = super()._settled(tolerance)
         self._damped |= state.damped.numpy() != 0
@@ -148,7 +148,7 @@ class EnergyDescentTrack(SampledTrack):
             held[k] = rates[fastest].real > 0
             if not held[k]:
                 self._leave(int(k), modes[:, fastest].real)
-        return within & held
+        return np.asarray(within & held)
 
     def _leave(self, instance: int, mode: FloatArray) -> None:
         """(16) Off an equilibrium that damped dynamics would leave, though nothing pushes, along a mode (m,)."""
@@ -157,9 +157,9 @@ class EnergyDescentTrack(SampledTrack):
         following[instance] += self.state.sides.numpy()[instance, :, : len(mode)] @ step
         self.state.following.assign(following)
 
-    def _without_potential(self) -> Any:
+    def _without_potential(self) -> BoolArray:
         pairs, inputs = self._pairs, self.problem.read("inputs")
-        return inputs[:, list(pairs.without)].any(axis=1) | (not pairs.has_potential)
+        return np.asarray(inputs[:, list(pairs.without)].any(axis=1) | (not pairs.has_potential))
 
-    def _rest(self, instances: Any) -> Any:
+    def _rest(self, instances: BoolArray) -> IntArray:
         return np.where(self._damped[instances], Status.DAMPED, Status.CONVERGED)

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
@@ -146,7 +146,7 @@ class MultipleShooting(Solver):
         return np.asarray(problem.tolerance(self.tolerance) < UNATTAINABLE * np.finfo(float).eps * size)
 
     @staticmethod
-    def _take_over(problem: BoundaryProblem, part: BoundaryProblem, places: Any, mine: Outcome) -> BoolArray:
+    def _take_over(problem: BoundaryProblem, part: BoundaryProblem, places: NDArray[np.intp], mine: Outcome) -> BoolArray:
         """Put what was found into the problem's buffers; which was, shape (k,)."""
         found = ~failures(mine.status)
         part.restore(np.where(found[:, None], part.snapshot(), problem.snapshot()[places]))
@@ -321,7 +321,7 @@ def _say(outcome: Outcome, places: IntArray, status: IntArray) -> BoolArray:
     return said
 
 
-def _ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> Any:
+def _ill_conditioned(problem: BoundaryProblem, outcome: Outcome) -> BoolArray:
     """Instances that single shooting could not solve, by rounding or noise rather than because their branch ends."""
     lost = np.isin(outcome.status, (Status.STALLED, Status.MAX_ITERATIONS))
     ended = outcome.status == Status.BRANCH_END

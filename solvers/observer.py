@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.integrators import RK45, Integrator
-from multirod.launch import record
+from multirod.kernels.warp_types import Struct
+from multirod.launch import Launch, record
 from multirod.problem import Block, BoundaryProblem
 from multirod.solver import Outcome, Solver
 from multirod.solvers.tracking.observer_kernels import ObserverState, make_observer
@@ -178,7 +180,7 @@ class ObserverTrack(SampledTrack):
             gains[name] = gains[name][np.ix_(order, order)]
         sizes = [len(_places(n, [block], "unknowns")) for block in blocks]
         first = problem.guess()
-        state: Any = ObserverState()
+        state: Struct = ObserverState()
         self.state = state
         problem.share(state, ("active", "fault", "unknowns", "residual", "gamma", "residual_directions"))
         problem.share(state, ("position", "rotation", "pose_columns"))
@@ -208,7 +210,7 @@ class ObserverTrack(SampledTrack):
         self._host_rates = state.rates.numpy() if wp.get_device(device).is_cpu else None
         self._bind(problem, state, options.feed_forward, first)
 
-    def _record(self, blocks: Sequence[Block], sizes: list[int], gains: dict[str, FloatArray], dt: float) -> Any:
+    def _record(self, blocks: Sequence[Block], sizes: list[int], gains: dict[str, FloatArray], dt: float) -> Launch:
         from scipy.linalg import sqrtm
 
         options, state, problem = self.options, self.state, self.problem
@@ -246,12 +248,12 @@ class ObserverTrack(SampledTrack):
         return np.array(self.state.rates.numpy() if self._host_rates is None else self._host_rates)
 
 
-def _places(n: int, blocks: Sequence[Block], what: str) -> Any:
+def _places(n: int, blocks: Sequence[Block], what: str) -> NDArray[np.intp]:
     """Which of n unknowns or residuals the blocks hold, in their order."""
     return np.concatenate([np.arange(0), *(np.arange(n)[getattr(block, what)] for block in blocks)])
 
 
-def _matrix(value: Any, parts: Sequence[Any], n: int) -> FloatArray:
+def _matrix(value: float | FloatArray | tuple[float | FloatArray, ...], parts: Sequence[NDArray[np.intp]], n: int) -> FloatArray:
     """A gain as a matrix (n, n), in the order of the problem."""
     if not isinstance(value, tuple):
         return np.array(value * np.eye(n) if np.ndim(value) == 0 else value, dtype=np.float64)
@@ -261,7 +263,7 @@ def _matrix(value: Any, parts: Sequence[Any], n: int) -> FloatArray:
     return result
 
 
-def _definite(name: str, value: Any) -> Any:
+def _definite(name: str, value: Numbers) -> Numbers:
     """A checked gain: the number as it was given, or a copy of the matrix."""
     matrix = array(name, value, finite=False)
     if matrix.ndim == 0 and not isinstance(value, bool):

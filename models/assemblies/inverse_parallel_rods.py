@@ -101,7 +101,7 @@ class InverseParallelRods(Assembly):
         return self.robot.surely_takes(name, values)
 
     @reusable
-    def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: D102
+    def problem(self, inputs: Inputs, **options: Any) -> ParallelProblem:  # noqa: ANN401, D102  (of ``ParallelProblem``)
         return self.robot.problem(inputs, inverse=True, limits=self.limits, **options)
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
@@ -123,7 +123,7 @@ class InverseParallelRods(Assembly):
         return f"{self.robot!r}.inverse({limits})"
 
 
-def _limits(value: Any, count: int) -> FloatArray:
+def _limits(value: object, count: int) -> FloatArray:
     """Least and greatest translation of each leg [m], shape (2, count)."""
     if value is None:
         return np.repeat([[-inf], [inf]], count, axis=1)

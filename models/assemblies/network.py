@@ -224,7 +224,7 @@ class Network(Assembly):
             plain["angle"] = self._angles(plain["angle"])
         return super().make_inputs(plain)
 
-    def _angles(self, value: Any) -> Any:
+    def _angles(self, value: object) -> object:
         """Angles by the names of joints as an array (..., k); an array of them as it is."""
         driven = self.graph.driven
         if not driven:
@@ -280,7 +280,7 @@ class Network(Assembly):
         return any(ways_back(rod.arrays, translation[:, own]).any() for _, rod, own in self._each())
 
     @reusable
-    def problem(self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any) -> NetworkProblem:  # noqa: D102
+    def problem(self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any) -> NetworkProblem:  # noqa: ANN401, D102  (its own)
         graph = self.graph
         if instances is not None:
             whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)

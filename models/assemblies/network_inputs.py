@@ -74,7 +74,7 @@ FIXED_INPUTS = (
 ANGLE = InputSpec(name="angle", unit="rad", count=0, description="coordinates of the joints that are driven, from their poses")
 
 
-def in_order(name: str, value: Any, sizes: Mapping[str, int]) -> Any:
+def in_order(name: str, value: object, sizes: Mapping[str, int]) -> object:
     """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
     if not isinstance(value, Mapping):
         given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None

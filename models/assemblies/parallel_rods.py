@@ -195,7 +195,11 @@ class ParallelRods(Assembly):
 
     @reusable
     def problem(  # noqa: D102
-        self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any
+        self,
+        inputs: Inputs,
+        *,
+        instances: IntArray | None = None,
+        **options: Any,  # noqa: ANN401  (of ``ParallelProblem``)
     ) -> ParallelProblem:
         geometry = self.geometry
         if instances is not None:
@@ -283,7 +287,7 @@ class ParallelRods(Assembly):
         return f"ParallelRods(legs=[{', '.join(each)}])"
 
 
-def _poses(field: str, value: Any, count: int) -> FloatArray:
+def _poses(field: str, value: object, count: int) -> FloatArray:
     poses = pose(field, value)
     if poses.ndim < 3 or poses.shape[-3] != count:
         refuse(field, Described(f"array of shape {poses.shape}"), f"must have shape (..., {count}, 4, 4): one pose a leg")
@@ -299,7 +303,7 @@ def _joints(value: str | Sequence[str], count: int) -> list[int]:
     return [JOINTS[name] for name in names]
 
 
-def _axes(value: Any, count: int) -> FloatArray:
+def _axes(value: object, count: int) -> FloatArray:
     axes = array("ParallelRods.joint_axes", value, (3,))
     if axes.shape not in ((3,), (count, 3)):
         refuse("ParallelRods.joint_axes", value, f"must have shape (3,) or ({count}, 3)")

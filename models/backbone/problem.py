@@ -18,6 +18,7 @@ from multirod.batch import IntArray
 from multirod.capabilities import LineTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
+from multirod.kernels.warp_types import Struct
 from multirod.launch import LONGEST, expect
 from multirod.models.backbone import unknowns as meaning
 from multirod.models.backbone.derivatives.along import AlongPass
@@ -36,7 +37,6 @@ from multirod.models.backbone.parts import BackboneParts
 from multirod.models.backbone.passes import shortcuts
 from multirod.models.backbone.passes.buffers import Buffers
 from multirod.models.backbone.passes.lane_pass import LanePass
-from multirod.models.backbone.passes.warp_types import Struct
 from multirod.models.backbone.segments.segments import BackboneSegments
 from multirod.models.backbone.shapes import BackboneShapes
 from multirod.models.backbone.sizes import Sizes

@@ -1,10 +1,12 @@
 """What the kernels of a network read and write, made for a problem. Numbers in parentheses are those of ``docs/networks.md``."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
+from multirod.kernels.warp_types import Array, Struct
 from multirod.models.network.elements import records
 from multirod.models.network.elements.elements import POSE
 from multirod.models.network.elements.groups import ALONG, ON_RODS
@@ -14,11 +16,11 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
 
 
-def networks_of(problem: "NetworkProblem") -> Any:
+def networks_of(problem: "NetworkProblem") -> Struct:
     """Its ``records.Networks``."""
     graph, entries, layout, device, count = problem.graph, problem.entries, problem.layout, problem.device, problem.instance_count
     rods, bodies, d = problem.rod_count, problem.body_count, problem.direction_count
-    own: Any = records.Networks()
+    own: Struct = records.Networks()
     own.rod_count, own.body_count, own.unknown_count, own.direction_count = rods, bodies, problem.unknown_count, d
     own.first_pose, own.own, own.size, own.holes = problem.first_pose, layout.own, layout.size, int(layout.holes)
     own.width = layout.size + d + layout.holes
@@ -35,11 +37,11 @@ def networks_of(problem: "NetworkProblem") -> Any:
     own.fixed_at, own.fixed_count = problem.input_slice(FIXED[0]).start if graph.fixed else 0, len(graph.fixed)
     own.rod_at, own.rods_given = problem.input_slice(next(iter(ON_RODS))).start, len(graph.whole)
 
-    def array(values: Any, dtype: Any = wp.float64) -> Any:
+    def array(values: ArrayLike, dtype: type = wp.float64) -> Array:
         kind = np.int32 if dtype is wp.int32 else np.float64
         return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
 
-    def zeros(*shape: int, dtype: Any = wp.float64) -> Any:
+    def zeros(*shape: int, dtype: type = wp.float64) -> Array:
         return wp.zeros(shape, dtype=dtype, device=device)
 
     tables = [end.table for end in graph.ends]

@@ -18,7 +18,7 @@ from multirod.batch import IntArray
 from multirod.capabilities import LineTest, Loading, ResultTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
-from multirod.launch import record
+from multirod.launch import Launch, record
 from multirod.models.backbone.derivatives.ends import move_ends, ways_back
 from multirod.models.backbone.passes.lane_pass import width
 from multirod.models.backbone.starts import twisted
@@ -145,10 +145,10 @@ class NetworkProblem(BoundaryProblem):
     def _record(self) -> list[Any]:
         """Launches of one evaluation, in order: the first, three of each build, and the last."""
 
-        def recorded(kernel: Any, dim: int, *arguments: Any) -> Any:
+        def recorded(kernel: wp.Kernel, dim: int, *arguments: object) -> Launch:
             return record(lambda: kernel, dim, arguments, self.device)
 
-        launches = [recorded(kernels.stand, self.instance_count, self.networks)]
+        launches: list[Any] = [recorded(kernels.stand, self.instance_count, self.networks)]
         for group in self.groups:
             dim = group.backbones.instance_count
             launches.append(recorded(kernels.hand_over, dim, self.networks, group.table))

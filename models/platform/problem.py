@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from multirod.batch import IntArray
 from multirod.capabilities import LineTest, Loading, ResultTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.kernels.shared import Shared
-from multirod.launch import record
+from multirod.kernels.warp_types import Array, Struct
+from multirod.launch import Launch, record
 from multirod.models.backbone.derivatives.designs import COMPONENTS, turned_loads
 from multirod.models.backbone.derivatives.ends import move_ends, ways_back
 from multirod.models.backbone.kernels.layout.members import drive_slices
@@ -153,10 +154,10 @@ class ParallelProblem(BoundaryProblem):
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
 
-    def _make_robots(self) -> Any:
+    def _make_robots(self) -> Struct:
         geometry, device, count = self.geometry, self.device, self.instance_count
         legs = len(geometry.legs)
-        robots: Any = kernels.Robots()
+        robots: Struct = kernels.Robots()
         robots.leg_count = legs
         robots.rod_count = len(geometry.rods)
         robots.unknown_count = self.unknown_count
@@ -170,7 +171,7 @@ class ParallelProblem(BoundaryProblem):
             shape = self.batch_shape if geometry.batch_shape else ()
             return np.broadcast_to(values, (*shape, *tail)).reshape(-1, *tail)
 
-        def array(values: Any, dtype: Any = wp.float64) -> Any:
+        def array(values: ArrayLike, dtype: type = wp.float64) -> Array:
             kind = np.int32 if dtype is wp.int32 else np.float64
             return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
 
@@ -205,10 +206,10 @@ class ParallelProblem(BoundaryProblem):
     def _record(self) -> list[Any]:
         """Launches of one evaluation, in order."""
 
-        def recorded(kernel: Any, dim: int, *arguments: Any) -> Any:
+        def recorded(kernel: wp.Kernel, dim: int, *arguments: object) -> Launch:
             return record(lambda: kernel, dim, arguments, self.device)
 
-        launches = []
+        launches: list[Any] = []
         for group in self.groups:
             dim = group.backbones.instance_count
             launches.append(recorded(kernels.hand_over, dim, self.robots, group.table))

@@ -1,8 +1,7 @@
 """The natural branch: all loads raised in proportion, from the unloaded equilibrium to the full load."""
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
@@ -112,7 +111,7 @@ def _leave_unstable(
     problem.keep(part, places)
 
 
-def _unstable(problem: BoundaryProblem, places: Any) -> BoolArray:
+def _unstable(problem: BoundaryProblem, places: NDArray[np.intp]) -> BoolArray:
     """Whether the equilibria of some instances, (k,), are unstable, shape (k,)."""
     assert problem.stability is not None
     if len(places) == problem.instance_count <= FEW:

@@ -6,16 +6,18 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike, NDArray
 
 from multirod.kernels.repeated_kernels import Calls
-from multirod.launch import expect, record
+from multirod.kernels.warp_types import Struct
+from multirod.launch import Launch, expect, record
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path
 from multirod.solvers.newton.iteration import Newton, narrowing
 from multirod.solvers.newton.rounds import Rounds
-from multirod.status import BoolArray, Status, failures
+from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
 
 SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
@@ -50,7 +52,7 @@ class Paths:
     def __init__(self, problem: BoundaryProblem, newton: Newton, max_steps: int) -> None:
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
-        state: Any = PathState()
+        state: Struct = PathState()
         self.state = state
         state.newton = newton.state
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
@@ -92,8 +94,8 @@ class Paths:
         self._newton = newton
         self._tolerance = newton.tolerance
         self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
-        self._launch: Any = None
-        self._loop: tuple[Any, Any] | None = None  # what is called, and launches that repeat it and what follows
+        self._launch: Launch | None = None
+        self._loop: tuple[Struct, tuple[Launch, ...]] | None = None  # what is called, and launches that repeat it
         self._passed: tuple[Any, ...] | None = None  # options of these launches
         self._first_values: Any = None
         self._shape = newton.shape
@@ -101,8 +103,9 @@ class Paths:
         self._on_cpu = wp.get_device(device).is_cpu
         expect(self._make, device)
 
-    def _make(self) -> Any:
-        return make_path(*self._shape, repeats=self._on_cpu)
+    def _make(self) -> wp.Kernel:
+        kernel: wp.Kernel = make_path(*self._shape, repeats=self._on_cpu)
+        return kernel
 
     @classmethod
     def of(cls, problem: BoundaryProblem, newton: Newton, max_steps: int) -> "Paths":
@@ -171,11 +174,11 @@ class Paths:
             self._set_out(chosen, known=0)
             return self._follow(integrated=problem.integrate_alike())
 
-    def _get(self, name: str) -> Any:
+    def _get(self, name: str) -> NDArray[Any]:
         """A copy of a number of every instance."""
         return np.array(self._in_place[name] if self._in_place else getattr(self.state, name).numpy())
 
-    def _set(self, name: str, values: Any) -> None:
+    def _set(self, name: str, values: ArrayLike) -> None:
         """Set a number of every instance."""
         if self._in_place:
             self._in_place[name][:] = values
@@ -279,7 +282,7 @@ class Paths:
                 remaining -= self._end_long()
             narrow(remaining)
 
-    def _repeat(self, calls: Any) -> None:
+    def _repeat(self, calls: Struct) -> None:
         """The same for few instances: a kernel repeats both, ``ROUNDS`` times in two launches."""
         state = self.state
         if self._loop is None or self._loop[0] is not calls:
@@ -366,7 +369,7 @@ class Paths:
             self._set("active", active & ~long)
         return int(long.sum())
 
-    def _doubt_ends(self, status: Any, integrations: Any) -> None:
+    def _doubt_ends(self, status: IntArray, integrations: IntArray) -> None:
         """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
         ended = np.flatnonzero(status == Status.BRANCH_END)
         if len(ended):

@@ -160,7 +160,7 @@ class _Together:
             for k, answer in answers.items():
                 self._next(runs, asked, k, answer)
 
-    def _next(self, runs: dict[int, Run], asked: dict[int, Request], k: int, answer: Any) -> None:
+    def _next(self, runs: dict[int, Run], asked: dict[int, Request], k: int, answer: object) -> None:
         asked.pop(k, None)
         try:
             asked[k] = runs[k].send(answer) if self._steps[k] <= self._most_steps else runs[k].throw(Spent())
@@ -201,8 +201,9 @@ class _Together:
         stiffness = np.full(part.instance_count, np.nan)
         if self.tip is not None:
             forces, stiffness, (unit, turned) = self.tip.forces, self.tip.stiffness, self.tip.after(gamma)
-        fields = residual, gamma, unit, turned, moved, position, rotation, stiffness
-        return {k: _point(at.unknowns, at.level, forces, *(field[k] for field in fields)) for k, at in asked.items()}
+        more = unit, turned, moved, position, rotation, stiffness
+        first = {k: (at.unknowns, at.level, residual[k], gamma[k]) for k, at in asked.items()}
+        return {k: Point(*first[k], forces, *(field[k] for field in more)) for k in asked}
 
     def _integrate_clamped(self, asked: Mapping[int, At | Clamp]) -> dict[int, Point | None]:
         if self._clamped is None:
@@ -221,8 +222,9 @@ class _Together:
             frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
             costless = turns.clamps.costless() or ()
         residual[part.fault.numpy() != 0] = np.nan
-        fields = residual, gamma, unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
-        return {k: _point(unknowns[k], at.level, turns.forces, *(field[k] for field in fields)) for k, at in asked.items()}
+        more = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
+        first = {k: (unknowns[k], at.level, residual[k], gamma[k]) for k, at in asked.items()}
+        return {k: Point(*first[k], turns.forces, *(field[k] for field in more)) for k in asked}
 
     def _settle(self, asked: dict[int, Settle]) -> dict[int, tuple[FloatArray | None, int]]:
         """Where damped dynamics rest."""
@@ -254,11 +256,6 @@ class _Together:
         with self.part.everyone():
             modes, potential = stability.modes(), stability.potential()
         return {k: Judgement(modes.take([k]), float(potential[k])) for k in asked}
-
-
-def _point(unknowns: FloatArray, level: float, forces: IntArray, *fields: Any) -> Point:
-    residual, gamma, *others = fields
-    return Point(unknowns, level, residual, gamma, forces, *others)
 
 
 def _polish(problem: BoundaryProblem, places: IntArray, journeys: Sequence[Journey]) -> None:

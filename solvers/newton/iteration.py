@@ -9,7 +9,8 @@ import numpy as np
 import warp as wp
 
 from multirod.kernels.repeated_kernels import Calls, callable_from_kernels
-from multirod.launch import expect, record
+from multirod.kernels.warp_types import Array, Struct
+from multirod.launch import Launch, expect, record
 from multirod.problem import DOUBLE_ROUNDING, FEW, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.newton.bordered_kernels import front_width
@@ -58,7 +59,7 @@ class Newton:
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
         self._on_cpu = on_cpu = wp.get_device(device).is_cpu
-        state: Any = NewtonState()
+        state: Struct = NewtonState()
         self.state = state
         self._rooms: list[Any] = []
         problem.share(state, ("order", "active", "fault", "unknowns", "residual"))
@@ -136,7 +137,7 @@ class Newton:
         self.state.probes, self.state.probed = self._room(n, PROBES), self._room(n, PROBES)
         return block, border
 
-    def _room(self, *shape: int) -> Any:
+    def _room(self, *shape: int) -> Array:
         """Room to work in of every instance, shape (instance_count, ...): on a processor, which takes one after another, the
         same."""
         problem = self.problem
@@ -156,15 +157,16 @@ class Newton:
         """Have what ``run`` launches compiled in the background, while something else is done first."""
         expect(self._make, self.problem.device)
 
-    def _make(self) -> Any:
-        return make_newton(*self.shape, repeats=self._on_cpu)
+    def _make(self) -> wp.Kernel:
+        kernel: wp.Kernel = make_newton(*self.shape, repeats=self._on_cpu)
+        return kernel
 
     @cached_property
-    def _launch(self) -> Any:
+    def _launch(self) -> Launch:
         problem = self.problem
         return record(self._make, problem.instance_count, [self.state, Calls(), 0, Sample()], problem.device)
 
-    def calls(self) -> Any:
+    def calls(self) -> Struct | None:
         """What a kernel calls for an integration, of few instances on the CPU: ``repeated_kernels.Calls``; None where it cannot.
 
         The same object as long as the launches are the same.
@@ -176,7 +178,7 @@ class Newton:
             self._bound, self._calls = launches, callable_from_kernels(launches)
         return self._calls
 
-    def repeating(self, calls: Any, sample: Any = None) -> Any:
+    def repeating(self, calls: Struct, sample: Struct | None = None) -> Launch:
         """A launch that repeats integration and iteration, ``ROUNDS`` times at most; of a motion's next ``sample`` where there is
         one."""
         arguments = [self.state, calls, ROUNDS, Sample() if sample is None else sample]
@@ -213,19 +215,19 @@ class Newton:
         change, contraction = self._doubts
         return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > self.slow)
 
-    def slowed(self) -> Any:
+    def slowed(self) -> BoolArray:
         """Whether an instance of the last run contracted too slowly to be sure of its branch; bool, shape (instance_count,)."""
-        return (self._doubts[1] if self._doubts else self.state.contraction.numpy()) > self.slow
+        return np.asarray((self._doubts[1] if self._doubts else self.state.contraction.numpy()) > self.slow)
 
-    def strayed(self) -> Any:
+    def strayed(self) -> BoolArray:
         """Whether a converged instance may be on another branch than its reference; bool, shape (instance_count,)."""
         change, contraction = self._doubts or (self.state.change.numpy(), self.state.contraction.numpy())
-        return (change > LARGE_CHANGE) | (contraction > self.slow)
+        return np.asarray((change > LARGE_CHANGE) | (contraction > self.slow))
 
-    def wandered(self) -> Any:
+    def wandered(self) -> BoolArray:
         """Whether an instance of the last run contracted too slowly to be near where it started; bool, shape
         (instance_count,)."""
-        return self.state.contraction.numpy() > LARGE_CHANGE
+        return np.asarray(self.state.contraction.numpy() > LARGE_CHANGE)
 
     def gamma(self) -> FloatArray:
         """``Gamma`` of all instances as it is kept here: dense, or its numbers where the problem offers ``elimination``; shape
@@ -246,13 +248,13 @@ class Newton:
         """``Gamma`` of the last sample that was kept, as ``gamma()``, shape (instance_count, k)."""
         return np.array(self.state.reference.numpy()).reshape(self.problem.instance_count, -1)
 
-    def set_reference(self, kept: Any = None) -> None:
+    def set_reference(self, kept: BoolArray | None = None) -> None:
         """Keep the present ``Gamma`` of the instances ``kept``, all by default, to compare the next with."""
         gamma = self.gamma()
         if self._reference is not None and self._has_reference is not None:
-            chosen = slice(None) if kept is None else kept
-            self._reference[chosen] = gamma[chosen]
-            self._has_reference[chosen] = 1
+            which = slice(None) if kept is None else kept
+            self._reference[which] = gamma[which]
+            self._has_reference[which] = 1
             return
         before = self.reference().reshape(gamma.shape)
         chosen = gamma if kept is None else np.where(np.asarray(kept)[:, None], gamma, before)
@@ -261,7 +263,7 @@ class Newton:
         known[slice(None) if kept is None else kept] = 1
         self.state.has_reference.assign(known)
 
-    def run(self, chosen: Any = None) -> None:
+    def run(self, chosen: BoolArray | None = None) -> None:
         """Iterate the chosen instances (bool, (instance_count,); all by default) from ``problem.unknowns`` to their ends."""
         self.start(chosen)
         self.go_on()
@@ -281,7 +283,7 @@ class Newton:
                 self.problem.heed_stop()
                 self._loop[1].launch()
 
-    def start(self, chosen: Any = None) -> None:
+    def start(self, chosen: BoolArray | None = None) -> None:
         """Begin with the chosen instances (bool, (instance_count,); all by default) at ``problem.unknowns``."""
         if self._starting is not None:
             counters, measures, active = self._starting

@@ -1,10 +1,11 @@
 """One round of an iteration: an integration, what the kernel asks of ``Gamma``, and the kernel."""
 
 from collections.abc import Callable
-from typing import Any
 
 import warp as wp
 
+from multirod.kernels.warp_types import Array
+from multirod.launch import Launch
 from multirod.problem import BoundaryProblem
 
 
@@ -16,19 +17,19 @@ class Rounds:
         remaining: Where the kernel counts what is still on its way, shape (1,).
     """
 
-    def __init__(self, problem: BoundaryProblem, remaining: Any) -> None:
+    def __init__(self, problem: BoundaryProblem, remaining: Array) -> None:
         self._problem, self._remaining = problem, remaining
         # on a processor it is read and written in place
         self.remaining = remaining.numpy() if wp.get_device(problem.device).is_cpu else None
         self._dim = problem.instance_count
 
-    def aim(self, launch: Any) -> None:
+    def aim(self, launch: Launch) -> None:
         """Have a launch pass over what is listed."""
         if self._dim != self._problem.listed:
             self._dim = self._problem.listed
             launch.set_dim(self._dim)
 
-    def take(self, launch: Any, eliminate: Callable[[], None], *, integrated: bool = False) -> int:
+    def take(self, launch: Launch, eliminate: Callable[[], None], *, integrated: bool = False) -> int:
         """One round, without the integration where that has been done; how many are still on their way."""
         if self.remaining is not None:
             self.remaining[0] = 0

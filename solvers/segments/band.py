@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.kernels.warp_types import Array
 from multirod.launch import record
 from multirod.segments import Cuts, Propagation, replaced_rows
 from multirod.solvers.continuation.acceptance import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
@@ -84,7 +85,7 @@ class Room:
         self._spaces: dict[int, _Space] = {}
         self.right, self.x = self._sides(), self._sides()
 
-    def array(self, *shape: int, kind: Any = wp.float64) -> "_Array":
+    def array(self, *shape: int, kind: type = wp.float64) -> "_Array":
         """Zeros."""
         return _Array(wp.zeros(shape, dtype=kind, device=self.device))
 
@@ -112,18 +113,18 @@ class Room:
 class _Array:
     """An array of kernels, and on the CPU the same numbers for NumPy."""
 
-    def __init__(self, array: Any) -> None:
-        self.array = array
-        self._view = array.numpy() if array.device.is_cpu else None
+    def __init__(self, array: Array) -> None:
+        self.array: Any = array
+        self._view = array.numpy() if wp.get_device(array.device).is_cpu else None
 
-    def put(self, values: Any) -> None:
+    def put(self, values: NDArray[Any]) -> None:
         """First numbers."""
         if self._view is not None:
             self._view[: len(values)] = values
         elif len(values):
             self.array[: len(values)].assign(np.ascontiguousarray(values, dtype=self.array.numpy().dtype))
 
-    def get(self, count: int) -> Any:
+    def get(self, count: int) -> NDArray[Any]:
         """A copy of the first."""
         return np.array((self.array.numpy() if self._view is None else self._view)[:count])
 
@@ -216,7 +217,7 @@ class _Space:
 class _Launch:
     """A recorded launch, of some of the instances that there is room for."""
 
-    def __init__(self, kernel: Any, room: Room, *arguments: Any) -> None:
+    def __init__(self, kernel: wp.Kernel, room: Room, *arguments: object) -> None:
         self._count = room.instances
         self._launch = record(lambda: kernel, room.instances, arguments, room.device)
 

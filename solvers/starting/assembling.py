@@ -151,7 +151,12 @@ def _signs(gamma: FloatArray) -> FloatArray:
 
 
 def _through_folds(
-    problem: BoundaryProblem, chosen: BoolArray, sign: FloatArray, left: FloatArray, outcome: Outcome, allowed: Any
+    problem: BoundaryProblem,
+    chosen: BoolArray,
+    sign: FloatArray,
+    left: FloatArray,
+    outcome: Outcome,
+    allowed: NDArray[np.integer[Any]],
 ) -> BoolArray:
     """Follow branches by their arclength from a load factor of 0 to 1, to where ``det Gamma`` has its ``sign`` there.
 

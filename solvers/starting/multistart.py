@@ -14,7 +14,7 @@ from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.starting.assembling import settle
 from multirod.solvers.starting.continua import Curve, beside
 from multirod.stability import Stability, StabilityAnalysis
-from multirod.status import Status, failures
+from multirod.status import BoolArray, Status, failures
 from multirod.validation import FloatArray
 
 MOST_STARTS = 2048  # of one search
@@ -125,7 +125,9 @@ def degrees(problem: BoundaryProblem) -> FloatArray:
     return np.asarray(np.sign(np.linalg.det(gamma)))
 
 
-def converge(problem: BoundaryProblem, newton: Newton, guesses: FloatArray, chosen: NDArray[np.bool_], limit: Any) -> Any:
+def converge(
+    problem: BoundaryProblem, newton: Newton, guesses: FloatArray, chosen: NDArray[np.bool_], limit: FloatArray | float
+) -> BoolArray:
     """Newton's method from ``guesses`` (instance_count, n), given up beyond ``limit`` (instance_count, n); who converged."""
     problem.write("unknowns", np.where(chosen[:, None], guesses, problem.read("unknowns")))
     newton.start(chosen)
@@ -133,10 +135,10 @@ def converge(problem: BoundaryProblem, newton: Newton, guesses: FloatArray, chos
         for _ in range(PATIENCE):
             if not iterate():
                 break
-            wandering = (np.abs(problem.read("unknowns")) > limit).any(axis=1)
+            wandering = np.asarray((np.abs(problem.read("unknowns")) > limit).any(axis=1))
             if wandering.any():
                 newton.give_up(wandering)
-    return chosen & (newton.outcome().status == Status.CONVERGED)
+    return np.asarray(chosen & (newton.outcome().status == Status.CONVERGED))
 
 
 def limits(starts: FloatArray) -> FloatArray:

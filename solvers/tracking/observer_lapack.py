@@ -6,11 +6,13 @@ The same equations as in ``observer_kernels.py``, batched over the instances. Nu
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from multirod.kernels.warp_types import Struct
 from multirod.problem import BoundaryProblem
 from multirod.rotations import matrices
 from multirod.solvers.tracking.observer_kernels import SWEEPS
-from multirod.status import Fault, Status
+from multirod.status import BoolArray, Fault, Status
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -30,7 +32,14 @@ class LargeSample:
     """
 
     def __init__(
-        self, *, rows: Any, columns: Any, sizes: list[int], gains: dict[str, FloatArray], options: "Observer", dt: float
+        self,
+        *,
+        rows: NDArray[np.intp],
+        columns: NDArray[np.intp],
+        sizes: list[int],
+        gains: dict[str, FloatArray],
+        options: "Observer",
+        dt: float,
     ) -> None:
         from scipy.linalg import sqrtm
 
@@ -42,7 +51,7 @@ class LargeSample:
         self.R_root = np.real(sqrtm(self.R))
         self.Q_root = np.real(sqrtm(self.Q))
 
-    def step(self, problem: BoundaryProblem, state: Any) -> None:
+    def step(self, problem: BoundaryProblem, state: Struct) -> None:
         """Take the active instances from an integration to the unknowns of the next sample."""
         n, options = problem.unknown_count, self.options
         eps, gamma = problem.read("residual"), problem.read("gamma").reshape(-1, n, n)
@@ -163,7 +172,7 @@ class LargeSample:
         for b, inverse in zip(reversed(self.blocks), reversed(inverses), strict=True):
             columns[:, b] = inverse @ (columns[:, b] - matrix[:, b, b.stop :] @ columns[:, b.stop :])
 
-    def _law(self, U: FloatArray, b: slice, P: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, Any]:
+    def _law(self, U: FloatArray, b: slice, P: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]:
         """(5) to (9) on one block: ``left, rate, right, next P, lost`` with R U^T P = left right and right U left = diag(rate).
 
         ``lost`` says where an explicit step of P would have lost P > 0; P is then left as it was.
@@ -230,7 +239,7 @@ def _equilibrate(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     return rows, columns
 
 
-def _correct(problem: BoundaryProblem, chosen: Any, newton: FloatArray) -> None:
+def _correct(problem: BoundaryProblem, chosen: NDArray[np.intp], newton: FloatArray) -> None:
     """(13) Move the reported pose of the instances ``chosen`` by Newton's step."""
     n = problem.unknown_count
     shift = -(problem.pose_columns.numpy()[chosen][:, :, :n] @ newton[..., None])[..., 0]

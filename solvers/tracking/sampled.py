@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from multirod.kernels.warp_types import Struct
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track, knows
 from multirod.solvers.continuation.acceptance import same_branch
-from multirod.status import BoolArray, Fault, Status
+from multirod.status import BoolArray, Fault, IntArray, Status
 from multirod.validation import FloatArray, frozen
 
 
@@ -21,10 +22,10 @@ class SampledTrack(Track):
     """
 
     problem: BoundaryProblem
-    state: Any
+    state: Struct
     feed_forward: bool
 
-    def _bind(self, problem: BoundaryProblem, state: Any, feed_forward: bool, first: FloatArray) -> None:
+    def _bind(self, problem: BoundaryProblem, state: Struct, feed_forward: bool, first: FloatArray) -> None:
         self.problem, self.state, self.feed_forward = problem, state, feed_forward
         self._previous: FloatArray | None = None
         self._change: FloatArray | None = None
@@ -47,11 +48,11 @@ class SampledTrack(Track):
         """Closed-loop rates of the last sample [1/s], where the solver has such."""
         return None
 
-    def _settled(self, tolerance: FloatArray) -> Any:
+    def _settled(self, tolerance: FloatArray) -> BoolArray:
         """Which instances are where they are to come to rest; bool, shape (instance_count,)."""
-        return self.state.size.numpy() <= tolerance
+        return np.asarray(self.state.size.numpy() <= tolerance)
 
-    def _rest(self, instances: Any) -> Any:
+    def _rest(self, instances: BoolArray) -> IntArray | Status:
         """By which status some instances (bool, (instance_count,)) have come to rest."""
         return Status.CONVERGED
 
@@ -133,7 +134,7 @@ class SampledTrack(Track):
         outcome.iterations[:] = outcome.integrations
         return outcome
 
-    def _hold(self, instances: Any) -> None:
+    def _hold(self, instances: BoolArray) -> None:
         """Keep the unknowns of some instances (bool, (instance_count,)) as they are in the next sample."""
         following = np.array(self.state.following.numpy())
         following[instances] = self.problem.read("unknowns")[instances]

@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
 from multirod.models.backbone.passes.lane_pass import LanePass
-from multirod.models.backbone.passes.warp_types import Struct
 
 Tool = TypeVar("Tool")
 

@@ -8,10 +8,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.nodes.correction import held_to_solve
 from multirod.models.backbone.nodes.node_pass import NodePass
 from multirod.models.backbone.passes.lane_pass import LanePass
-from multirod.models.backbone.passes.warp_types import Struct
 from multirod.models.backbone.terms import judging, teller, telling
 from multirod.models.backbone.unknowns import with_moment
 from multirod.validation import FloatArray

@@ -7,9 +7,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.inputs import Inputs
+from multirod.kernels.warp_types import Array, Struct
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.rows import MATERIAL_SIZE
-from multirod.models.backbone.passes.warp_types import Array, Struct
 from multirod.profile import DEGREE, interpolate
 from multirod.validation import FloatArray
 

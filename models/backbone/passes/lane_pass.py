@@ -6,13 +6,13 @@ from typing import Any
 import warp as wp
 
 from multirod.integrators import Integrator
+from multirod.kernels.warp_types import Array, Struct
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.integrate import make_kernel
 from multirod.models.backbone.kernels.integration.walk import SCALARS
 from multirod.models.backbone.kernels.layout.arguments import LANE_SIZE, Call
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import Layout
-from multirod.models.backbone.passes.warp_types import Array, Struct
 
 
 def processor_has(feature: str) -> bool:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multirod.models.backbone.passes.warp_types import Struct
+from multirod.kernels.warp_types import Struct
 from multirod.problem import FEW
 
 if TYPE_CHECKING:

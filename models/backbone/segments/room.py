@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
+from multirod.kernels.warp_types import Struct
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, unknowns_of
 from multirod.models.backbone.passes.lane_pass import deal, own, threads, width
-from multirod.models.backbone.passes.warp_types import Struct
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem

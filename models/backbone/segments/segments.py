@@ -9,10 +9,10 @@ import numpy as np
 import warp as wp
 
 from multirod.batch import IntArray
+from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, unknowns_of
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
-from multirod.models.backbone.passes.warp_types import Struct
 from multirod.models.backbone.segments.room import Room
 from multirod.models.backbone.stability.condensing.by_segments import form_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, CondensedForm, segments_needed

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.inputs import Inputs
+from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.passes.lane_pass import cost_of
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.units import unit_stiffness
@@ -87,9 +88,9 @@ class RodGroup:
         )
         self.table = self._make_table(options["device"])
 
-    def _make_table(self, device: str) -> Any:
+    def _make_table(self, device: str) -> Struct:
         own = self.backbones
-        table: Any = records.RodGroup()
+        table: Struct = records.RodGroup()
         m = own.unknown_count
         table.count, table.unknown_count, table.direction_count = len(self.members), m, own.direction_count
         table.turns, table.slides = int(self.turns), int(self.slides)

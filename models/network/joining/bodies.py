@@ -1,7 +1,5 @@
 """What rods are joined to: rigid bodies, and the ground."""
 
-from typing import Any
-
 import numpy as np
 
 from multirod import plausibility
@@ -68,14 +66,14 @@ class Body:
         return f"Body({self.name!r}{more})"
 
 
-def name_of(field: str, value: Any) -> str:
+def name_of(field: str, value: object) -> str:
     """A name that tells a rod or body from others."""
     if not isinstance(value, str) or not value or value == Ground.name:
         refuse(field, value, "must be a name, and not 'ground'")
     return value
 
 
-def vector(field: str, value: Any) -> FloatArray:
+def vector(field: str, value: object) -> FloatArray:
     """Three numbers."""
     result = array(field, value, (3,))
     if result.shape != (3,):
@@ -83,7 +81,7 @@ def vector(field: str, value: Any) -> FloatArray:
     return result
 
 
-def one_pose(field: str, value: Any) -> FloatArray:
+def one_pose(field: str, value: object) -> FloatArray:
     """One pose (4, 4)."""
     result = checked_pose(field, value)
     if result.ndim > 2:

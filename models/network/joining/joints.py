@@ -5,7 +5,7 @@ Numbers in parentheses are those of ``docs/networks.md``.
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +138,7 @@ class Joint:
         return f"Joint({self.rod!r}, {self.end!r}, to={self.to.name!r}{kind})"
 
 
-def _axes(kind: str, value: Any) -> FloatArray:
+def _axes(kind: str, value: object) -> FloatArray:
     """Axes of length 1, shape (count, 3)."""
     if kind not in AXES:
         if value is not None:
@@ -161,7 +161,7 @@ def _axes(kind: str, value: Any) -> FloatArray:
     return np.asarray(frozen(axes))
 
 
-def _each(field: str, value: Any, kind: str) -> FloatArray:
+def _each(field: str, value: object, kind: str) -> FloatArray:
     """One number for each coordinate of a joint."""
     given = array(field, value)
     count = KINDS[kind]

@@ -4,7 +4,7 @@ Numbers in parentheses are those of ``docs/networks.md``.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,18 @@ from numpy.typing import NDArray
 from multirod.models.backbone.stability.condensing.second_variation import symmetric_eigenvalues
 from multirod.validation import FloatArray
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
 SPARSE = 150  # rows from which that pays
 NEAREST = 8  # eigenvalues
 SOFTEST = 1e-3  # by which constraints give way, at most
 SAFE = 0.25  # of the eigenvalue next to zero, by which they may
 
 
-def nearest_to_zero(form: Any, constraints: Sequence[NDArray[np.intp]], count: int) -> tuple[FloatArray, FloatArray, int] | None:
+def nearest_to_zero(
+    form: "csr_matrix[np.float64]", constraints: Sequence[NDArray[np.intp]], count: int
+) -> tuple[FloatArray, FloatArray, int] | None:
     """(18) Of the symmetric part of a sparse matrix: its ``count`` eigenvalues next to zero, rising, what the rest does to their
     eigenvectors, and how many eigenvalues are lower than these; None where rounding hides it.
 
@@ -29,7 +34,8 @@ def nearest_to_zero(form: Any, constraints: Sequence[NDArray[np.intp]], count: i
     """
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
-    symmetric, rest = (form + form.T) / 2, (form - form.T) / 2
+    symmetric: Any = (form + form.T) / 2
+    rest: Any = (form - form.T) / 2
     try:
         factors = splu(symmetric.tocsc())
         inverse = LinearOperator(form.shape, matvec=factors.solve, dtype=np.float64)
@@ -46,7 +52,7 @@ def nearest_to_zero(form: Any, constraints: Sequence[NDArray[np.intp]], count: i
     return values, np.linalg.norm(rest @ vectors, axis=0), negative - int((values < 0).sum())
 
 
-def _negative(form: Any, constraints: Sequence[NDArray[np.intp]], softness: float) -> int | None:
+def _negative(form: "csr_matrix[np.float64]", constraints: Sequence[NDArray[np.intp]], softness: float) -> int | None:
     """Negative eigenvalues, if nothing is unstable: constraints give way so little that none changes its sign, and are then
     eliminated, which leaves a matrix that is positive definite where its pivots are; None where it is not."""
     from scipy.sparse import block_diag, csr_matrix
@@ -69,7 +75,7 @@ def _negative(form: Any, constraints: Sequence[NDArray[np.intp]], softness: floa
     return len(at) if symmetric and (factors.U.diagonal() > 0).all() else None
 
 
-def _whole(form: Any, count: int) -> tuple[FloatArray, FloatArray, int] | None:
+def _whole(form: "csr_matrix[np.float64]", count: int) -> tuple[FloatArray, FloatArray, int] | None:
     values, uncertainty = symmetric_eigenvalues(form.toarray()[None], np.ones(1, dtype=bool))
     if not np.isfinite(values).all():
         return None
@@ -77,7 +83,7 @@ def _whole(form: Any, count: int) -> tuple[FloatArray, FloatArray, int] | None:
     return values[0, first : first + count], uncertainty[0, first : first + count], first
 
 
-def block_diagonal(diagonal: FloatArray, places: NDArray[np.intp], blocks: FloatArray) -> Any:
+def block_diagonal(diagonal: FloatArray, places: NDArray[np.intp], blocks: FloatArray) -> "csr_matrix[np.float64]":
     """A sparse matrix with a ``diagonal`` (n,), but ``blocks`` (k, 3, 3) at ``places`` (k, 3)."""
     from scipy.sparse import csr_matrix
 

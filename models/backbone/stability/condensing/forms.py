@@ -8,9 +8,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.kernels.shared import Shared
+from multirod.kernels.warp_types import Array, Launch, Struct
 from multirod.launch import record
 from multirod.models.backbone.nodes.node_pass import NodePass
-from multirod.models.backbone.passes.warp_types import Array, Launch, Struct
 from multirod.models.backbone.stability.condensing.by_nodes import compliance_form, condensed_form
 from multirod.models.backbone.stability.condensing.form_kernels import Form, make_form
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm, NodeColumns
