@@ -459,6 +459,51 @@ def test_lapack_does_what_the_kernel_does(
     np.testing.assert_array_equal(other.status, one.status)
 
 
+OF_ONE = (observer_module.LARGEST_IN_KERNEL,)
+OF_ALL = tuple(range(1, observer_module.LARGEST_IN_KERNEL + 1))  # blocks of every size that a kernel takes, in one kernel
+
+
+@pytest.mark.parametrize(
+    ("sizes", "options"),
+    [*((OF_ALL, options | {"correct_output": False}) for options in READINGS), (OF_ONE, {})],
+    ids=repr,
+)
+def test_lapack_does_what_the_kernel_does_at_every_size(
+    sizes: tuple[int, ...], options: dict[str, Any], monkeypatch: Any
+) -> None:
+    generator, n = np.random.default_rng(20), sum(sizes)
+    # a general and a symmetric Gamma, all pivots with singular values from 0.7 to 3.6
+    part = generator.normal(size=(n, n)) / np.sqrt(n)
+    gammas = 2 * np.eye(n) + np.array([part, (part + part.T) / 2])
+    start, drift = generator.normal(size=(2, n)), generator.normal(size=(2, n))
+    solver = mr.Observer(coupling="per-rod", **options)
+    names = ("following", "rates", "pivot", "riccati", "singular_value", "size", "status")
+    found = []
+    for largest in (observer_module.LARGEST_IN_KERNEL, 0):
+        monkeypatch.setattr(observer_module, "LARGEST_IN_KERNEL", largest)
+        problem = Linear(gammas, sizes, directions=solver.direction_count)
+        track = solver.track(problem, DT)
+        track.start(start)
+        samples: dict[str, list[np.ndarray]] = {name: [] for name in names}
+        for k in range(5):
+            problem.write("inputs", DT * k * drift)
+            track.step()
+            for name in names:
+                samples[name].append(getattr(track.state, name).numpy().copy())
+        found.append({name: np.array(values) for name, values in samples.items()})
+    kernel, lapack = found
+    for values in found:
+        # each in an order of its own
+        values["rates"] = np.concatenate(
+            [np.sort(rates, axis=-1) for rates in np.split(values["rates"], np.cumsum(sizes)[:-1], axis=-1)], axis=-1
+        )
+    np.testing.assert_array_equal(kernel.pop("status"), mr.Status.TRACKING)
+    np.testing.assert_array_equal(lapack.pop("status"), mr.Status.TRACKING)
+    for name in kernel:
+        # the kernel takes eigenvalues of Gram matrices: rounding times (3.6 / 0.7)^2, eight terms a sum, five samples: 2e-13
+        np.testing.assert_allclose(lapack[name], kernel[name], rtol=1e-12, atol=1e-12, err_msg=name)
+
+
 @pytest.mark.parametrize("coupling", ["full", "per-rod"])
 def test_static_solve_finds_the_equilibrium(tubes: mr.ConcentricTubes, coupling: str) -> None:
     inputs = motion(tubes, 0.1, (-0.1, -0.05, -0.02))[[0, 100, 300]]

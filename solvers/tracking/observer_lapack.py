@@ -186,9 +186,8 @@ class LargeSample:
             V *= (rate > 1e-14 * rate[:, :1])[:, :, None]
             return R_root @ np.swapaxes(V, 1, 2), rate, np.swapaxes(W, 1, 2) @ Q_root, P, lost
         B = U @ R @ np.swapaxes(U, 1, 2)
-        if options.riccati == "horizon":
-            P = _riccati_step(self.P0[b, b], B, Q_root, options.horizon)
-        factor = np.linalg.cholesky(P)
+        present = _riccati_step(self.P0[b, b], B, Q_root, options.horizon) if options.riccati == "horizon" else P
+        factor = np.linalg.cholesky(present)
         rate, E = np.linalg.eigh(np.swapaxes(factor, 1, 2) @ B @ factor)
         F = factor @ E
         if options.riccati == "forward" and options.update == "exact":
