@@ -506,3 +506,18 @@ def test_both_sides_of_a_strip_that_is_pushed_together_by_little_are_among_its_e
     assert (found.stability[:2] == mr.Stability.STABLE).all()
     np.testing.assert_allclose(found.potential[:2], meant.potential, rtol=1e-7)
     np.testing.assert_allclose(np.sort(middle[:, 0]), [-expected[0], expected[0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("wide", [EI, 40 * EI], ids=["round", "strip"])
+def test_a_rod_that_hardly_stretches_begins_buckled_where_it_is_pushed_far(wide):
+    """As its motion comes to, and as one that does not stretch but for the thrust; 12,000 integrations led to nothing before."""
+    kind = {"length": LENGTH, "bending_stiffness": (wide, EI), "torsional_stiffness": 0.75 * EI}
+    robot = mr.HeldRod(mr.Rod(**kind, axial_stiffness=1e5 * EI / LENGTH**2))
+    push = np.array([0, 0, -0.05 * LENGTH])
+    found = mr.solve(robot, robot.inputs(end_position=push)).raise_if_failed()
+    assert found.integrations < 40
+    motion = mr.simulate(robot, robot.inputs(end_position=np.linspace(0, 1, 6)[:, None] * push), time=np.arange(6.0))
+    assert motion.raise_if_failed().stability[-1] == found.stability == mr.Stability.STABLE
+    assert found.potential == pytest.approx(motion.potential[-1], rel=1e-7)
+    rigid = mr.HeldRod(mr.Rod(**kind))
+    assert found.end_force[2] == pytest.approx(mr.solve(rigid, rigid.inputs(end_position=push)).end_force[2], rel=1e-3)

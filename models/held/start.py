@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.models.held.held_kernels import ACROSS
+from multirod.models.held.table import straight_at_rest
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.rotations import cross, vectors
 from multirod.validation import FloatArray
@@ -29,6 +30,7 @@ BUCKLED, TURNED, MOST = 1e-6, 0.05, 0.3
 WEIGHED, WEIGHING = 0.1, 3  # load in EI/L^2 by which both sides are weighed, and integrations of each
 NOTED = 1e-7  # of EI/L: the least difference between their energies that is no rounding
 FIRST = 0.1  # part of a direction, that its first of x, y, z is at least, which tells its sign
+STIFF, FAR = 2e-3, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
 ALONG = 0.99  # cosine of the angle between axes that are taken for one
 
 
@@ -111,8 +113,10 @@ def begin(problem: "HeldProblem") -> Begun:
         residual, gamma = problem.evaluate(x)
         least = _least_singular_value(gamma)
         stuck = ~(least > REGULAR)
-        if stuck.any():
+        if stuck.any() or problem.rod.features.shear:
             start = bent_rods(problem, x)
+            stuck |= start.twofold & _pushed_far(problem, start.end)
+        if stuck.any():
             x = np.where(stuck[:, None], start.unknowns, x)
             problem.table.direct.assign((stuck & start.direct).astype(np.int32))
             buckled = stuck & start.buckled
@@ -188,6 +192,17 @@ def _least_singular_value(gamma: FloatArray) -> FloatArray:
     sound = np.isfinite(gamma).all(axis=(1, 2))
     least[sound] = np.linalg.svd(gamma[sound], compute_uv=False)[:, -1]
     return least
+
+
+def _pushed_far(problem: "HeldProblem", end: FloatArray) -> NDArray[np.bool_]:
+    """Whether a rod that is straight at rest, and hardly stretches until it buckles, is shortened by far more than that, its end
+    at ``end``, (instance_count, 3); shape (instance_count,)."""
+    material, length = problem.rod.arrays.material[:, 0], problem.length_in_use()
+    soft, stretch = problem.rod.each(material[..., :2].min(axis=(1, 2))), problem.rod.each(material[..., 8].max(axis=1))
+    strain = np.asarray(MODES[False, False].thrust * soft * stretch / length**2)
+    short = 1 - np.linalg.norm(end - problem.rod.table.base_position.numpy(), axis=1) / length
+    stiff = (strain > 0) & (strain < STIFF) & (problem.holders.slide is None)
+    return np.asarray(stiff & (short > FAR * strain) & straight_at_rest(problem))
 
 
 def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
