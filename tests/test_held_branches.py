@@ -521,3 +521,17 @@ def test_a_rod_that_hardly_stretches_begins_buckled_where_it_is_pushed_far(wide)
     assert found.potential == pytest.approx(motion.potential[-1], rel=1e-7)
     rigid = mr.HeldRod(mr.Rod(**kind))
     assert found.end_force[2] == pytest.approx(mr.solve(rigid, rigid.inputs(end_position=push)).end_force[2], rel=1e-3)
+
+
+def test_loads_on_a_rod_that_may_spin_are_weighed_without_an_error():
+    """Between balls nothing resists a turn about its axis: ``LinAlgError``."""
+    rod = mr.Rod(length=LENGTH, bending_stiffness=(40 * EI, EI), torsional_stiffness=0.75 * EI, linear_density=0.1)
+    for joint in ("spherical", "revolute"):
+        kind = {"joint": joint, "base_joint": joint}
+        robot = mr.HeldRod(
+            rod, **kind, **({} if joint == "spherical" else {"joint_axis": (0, 1, 0), "base_joint_axis": (0, 1, 0)})
+        )
+        found = mr.solve(
+            robot, robot.inputs(translation=0.05 * LENGTH, gravity=(-1, 0, 0)), solver=mr.Shooting(max_integrations=500)
+        )
+        assert found.failed or found.rod(0, nodes=3).position[1, 0] < 0

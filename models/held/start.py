@@ -180,7 +180,8 @@ def _lower(
 def _newton_step(residual: FloatArray, gamma: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
     """Of the ``chosen``, (instance_count, n): of least norm where ``Gamma`` is singular, as of a rod that spins in two balls."""
     step, least = np.zeros_like(residual), _least_singular_value(gamma)
-    regular, others = chosen & (least > SINGULAR), chosen & (least <= SINGULAR)
+    size = SINGULAR * np.maximum(1.0, np.abs(gamma).sum(axis=(1, 2)))
+    regular, others = chosen & (least > size), chosen & (least <= size)
     step[regular] = np.linalg.solve(gamma[regular], residual[regular, :, None])[..., 0]
     step[others] = (np.linalg.pinv(gamma[others], rcond=SINGULAR) @ residual[others, :, None])[..., 0]
     return step
