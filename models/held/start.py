@@ -13,7 +13,7 @@ from multirod.batch import IntArray
 from multirod.models.held.held_kernels import ACROSS
 from multirod.models.held.table import straight_at_rest
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
-from multirod.rotations import cross, vectors
+from multirod.rotations import cross, matrices, vectors
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -264,9 +264,11 @@ def _buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, si
         own, about = np.zeros((len(unit), problem.unknown_count)), size[chosen] * axis[chosen]
         own[:, :3] = mode.base_moment * unit * about
         pushed = unit * (whole / length)[chosen]
-        own[:, m - 3 : m] = (mode.base_moment - mode.tip_moment) * pushed * cross(about, np.array([0.0, 0.0, 1.0]))
-        own[:, m - 1] -= mode.thrust * pushed[:, 0]
-        own[:, m:] = mode.base_turn * (about @ holders.base_axes.T) / whole[chosen]
+        along = np.array([0.0, 0.0, 1.0])
+        force = pushed * ((mode.base_moment - mode.tip_moment) * cross(about, along) - mode.thrust * along)
+        turned = mode.base_turn * about @ holders.base_axes.T
+        own[:, m - 3 : m] = np.einsum("bji,bj->bi", matrices(turned @ holders.base_axes), force)  # in the frame that turns
+        own[:, m:] = turned / whole[chosen]
         result[chosen] = own
     return result
 
