@@ -131,7 +131,7 @@ def test_a_stiffness_is_found_by_curvatures_of_several_shapes():
     np.testing.assert_allclose(fit.value("bending_stiffness"), 1.2, rtol=1e-4)
 
 
-def test_numbers_that_are_hardly_seen_are_named_where_they_lead_nowhere(wire, make_pose):
+def test_numbers_that_are_hardly_seen_are_named_where_they_lead_nowhere():
     """The torsional stiffness of a straight rod that next to nothing twists, by positions alone."""
     robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
     real = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.25, torsional_stiffness=0.0638))

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import warp as wp
+from exact_columns import check_exact_columns
 from scipy.integrate import solve_ivp
 
 import multirod as mr
@@ -252,28 +253,7 @@ SCENES = {
 def test_gamma_and_input_columns_are_exact(name):
     make, inputs = SCENES[name]
     robot = make()
-    options = robot.input_directions("translation")
-    given = robot.inputs(tip_force=FORCE, **inputs)
-    problem = robot.problem(given, integrator=mr.RK45(steps=20), pose_sensitivities=True, **options)
-    x = problem.guess() + 0.3 * np.sin(1 + np.arange(problem.unknown_count))
-    problem.write("unknowns", x)
-    columns, pose = problem.input_columns("translation")
-    _, gamma = problem.evaluate(x)
-    h = 1e-6
-    for k, e in enumerate(np.eye(problem.unknown_count)):
-        difference = (problem.evaluate(x + h * e)[0] - problem.evaluate(x - h * e)[0])[0] / (2 * h)
-        np.testing.assert_allclose(gamma[0, :, k], difference, atol=1e-7 * max(1.0, np.abs(gamma[0, :, k]).max()))
-    rows, place = problem.read("inputs"), problem.input_slice("translation")
-    for k in range(place.start, place.stop):
-        ends = []
-        for sign in (1, -1):
-            changed = rows.copy()
-            changed[:, k] += sign * h
-            problem.write("inputs", changed)
-            ends.append((problem.evaluate(x)[0], problem.read("position")))
-        rate, moved = ((a - b)[0] / (2 * h) for a, b in zip(*ends, strict=True))
-        np.testing.assert_allclose(columns[0, :, k - place.start], rate, atol=1e-6 * max(1.0, np.abs(rate).max()))
-        np.testing.assert_allclose(pose[0, :3, k - place.start], moved, atol=1e-7)
+    check_exact_columns(robot, robot.inputs(tip_force=FORCE, **inputs))
 
 
 def test_energy_changes_with_the_force_by_the_tip():

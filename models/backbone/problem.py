@@ -24,7 +24,7 @@ from multirod.models.backbone import unknowns as meaning
 from multirod.models.backbone.derivatives.along import AlongPass
 from multirod.models.backbone.derivatives.derivatives import BackboneDerivatives
 from multirod.models.backbone.derivatives.designs import PARAMETERS
-from multirod.models.backbone.derivatives.ends import move_ends, ways_back
+from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import unknowns_of
@@ -355,14 +355,7 @@ class BackboneProblem(BoundaryProblem):
             super().aim(*names)
 
     def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
-        if not move_ends(names):
-            return super().part_ends(names)
-        inputs, own = self.read("inputs"), self.input_slice("translation")
-        back = ways_back(self.arrays, inputs[:, own])
-        if back.any():
-            inputs[:, own] -= back
-            self.write("inputs", inputs)
-        return np.asarray(2 * back[:, -1])
+        return part_ends(self, names, [(self.arrays, self.input_slice("translation"))])
 
     def _integrate(self) -> None:
         if self.derivatives.followed:

@@ -3,8 +3,6 @@
 Numbers in parentheses are those of ``docs/held.md``.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -18,6 +16,7 @@ from multirod.models.backbone.segments.segments import BackboneSegments
 from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm
 from multirod.models.held import held_kernels as kernels
+from multirod.problem import BoundaryProblem
 from multirod.rotations import cross, cross_matrix, left_jacobian, matrices, quaternion_product, to_quaternions
 from multirod.segments import Breakpoints, Cuts, Propagation
 from multirod.stability import Modes
@@ -300,18 +299,10 @@ class HeldSegments(BackboneSegments):
         chosen = np.array(list(points))
         return Modes(*(getattr(modes, name)[chosen] for name in ("values", "hidden", "uncertainty", "known", "diverging")))
 
-    @contextmanager
-    def _known_by(self, points: dict[int, Breakpoints]) -> Iterator[None]:
-        held, before, unknowns = self.held, self.held.breakpoints, self.held.read("unknowns")
-        at = unknowns.copy()
-        at[list(points)] = [own.unknowns for own in points.values()]
-        held.breakpoints = points
-        held.write("unknowns", at)
-        try:
-            yield
-        finally:
-            held.breakpoints = before
-            held.write("unknowns", unknowns)
+    @property
+    def _asked(self) -> BoundaryProblem:
+        """The held one, of whose unknowns the rod's are a part."""
+        return self.held
 
     def wrench(self, points: dict[int, Breakpoints]) -> FloatArray:
         """Force and moment on the tips of these instances, in the world, shape (len(points), 6)."""

@@ -19,7 +19,7 @@ from multirod.capabilities import LineTest, Loading, ResultTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import Launch, record
-from multirod.models.backbone.derivatives.ends import move_ends, ways_back
+from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.passes.lane_pass import width
 from multirod.models.backbone.starts import twisted
 from multirod.models.joint_kernels import AT_REST
@@ -390,18 +390,9 @@ class NetworkProblem(BoundaryProblem):
         return self.aim_of(names).found(slopes, moved, self.read("position"))
 
     def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
-        furthest = super().part_ends(names)
-        if not move_ends(names):
-            return furthest
-        inputs, start = self.read("inputs"), self.input_slice("translation").start
-        for arrays, rod in zip(self.graph.arrays, self.graph.slides.owner.tolist(), strict=True):
-            own = slice(*(start + self.graph.first_tube[rod : rod + 2]))
-            back = ways_back(arrays, inputs[:, own])
-            inputs[:, own] -= back
-            furthest = np.maximum(furthest, 2 * back[:, -1])
-        if furthest.any():
-            self.write("inputs", inputs)
-        return furthest
+        start = self.input_slice("translation").start
+        own = [slice(*(start + self.graph.first_tube[rod : rod + 2])) for rod in self.graph.slides.owner.tolist()]
+        return part_ends(self, names, zip(self.graph.arrays, own, strict=True))
 
     def ground(self) -> tuple[FloatArray, FloatArray]:
         """Position [m] and rotation of the ground in the world, shapes (instance_count, 3), (instance_count, 3, 3)."""

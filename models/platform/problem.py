@@ -19,7 +19,7 @@ from multirod.kernels.shared import Shared
 from multirod.kernels.warp_types import Array, Struct
 from multirod.launch import Launch, record
 from multirod.models.backbone.derivatives.designs import COMPONENTS, turned_loads
-from multirod.models.backbone.derivatives.ends import move_ends, ways_back
+from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.kernels.layout.members import drive_slices
 from multirod.models.backbone.starts import twisted
 from multirod.models.platform import platform_kernels as kernels
@@ -531,18 +531,9 @@ class ParallelProblem(BoundaryProblem):
         return np.array(rows, dtype=np.int32).reshape(len(rows), -1)
 
     def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
-        furthest = super().part_ends(names)
-        if not move_ends(names):
-            return furthest
-        inputs, start = self.read("inputs"), self.input_slice("translation").start
-        for arrays, (first, end) in zip(self.geometry.arrays, pairwise(self.geometry.first_rod.tolist()), strict=True):
-            own = slice(start + first, start + end)
-            back = ways_back(arrays, inputs[:, own])
-            inputs[:, own] -= back
-            furthest = np.maximum(furthest, 2 * back[:, -1])
-        if furthest.any():
-            self.write("inputs", inputs)
-        return furthest
+        start = self.input_slice("translation").start
+        own = [slice(start + first, start + end) for first, end in pairwise(self.geometry.first_rod.tolist())]
+        return part_ends(self, names, zip(self.geometry.arrays, own, strict=True))
 
     def aim(self, *names: str) -> None:
         """As said; what acts on one leg alone shares its column with the same of all other legs, and columns that touch legs

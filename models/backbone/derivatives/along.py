@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 QUANTITIES = ("position", "rotation", "curvature")
 SHARED = ("residual", "gamma", "residual_directions", "pose_columns")
-NODE_GAP = 1e-12  # of the length: a place this close to the end of a section is just before it
 
 
 def of_member(values: FloatArray, count: int, place: int) -> FloatArray:

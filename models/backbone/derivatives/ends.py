@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from multirod.models.backbone.influence.envelope import SAME_PLACE
+from multirod.problem import BoundaryProblem
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
@@ -37,3 +38,27 @@ def ways_back(arrays: RodArrays, translation: FloatArray) -> FloatArray:
     same = (np.diff(places, axis=1) <= SAME_PLACE) & (np.diff(owners, axis=1) != 0) & (places[:, 1:] > SAME_PLACE)
     length = ends[:, :, -1].max(axis=1, keepdims=True)
     return np.where(same.any(axis=1, keepdims=True), APART * length * np.arange(n), 0.0)
+
+
+def part_ends(problem: BoundaryProblem, names: Iterable[object], rods: Iterable[tuple[RodArrays, slice]]) -> FloatArray:
+    """``BoundaryProblem.part_ends``, by the inputs of a problem of backbones.
+
+    Args:
+        problem: Whose inputs are changed where that is needed.
+        names: By which derivatives are taken.
+        rods: Of each backbone, and where its translations stand in a row of inputs.
+
+    Returns:
+        Shape (instance_count,).
+    """
+    furthest = np.zeros(problem.instance_count)
+    if not move_ends(names):
+        return furthest
+    inputs = problem.read("inputs")
+    for arrays, own in rods:
+        back = ways_back(arrays, inputs[:, own])
+        inputs[:, own] -= back
+        furthest = np.maximum(furthest, 2 * back[:, -1])
+    if furthest.any():
+        problem.write("inputs", inputs)
+    return furthest

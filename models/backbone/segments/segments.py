@@ -18,7 +18,7 @@ from multirod.models.backbone.stability.condensing.by_segments import form_by_se
 from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, CondensedForm, segments_needed
 from multirod.models.backbone.stability.condensing.tensions import without_tensions
 from multirod.models.backbone.units import unit_stiffness
-from multirod.problem import Shape
+from multirod.problem import BoundaryProblem, Shape
 from multirod.rotations import from_quaternions, of_quaternions, quaternion_product, to_quaternions
 from multirod.segments import Breakpoints, Cuts, Propagation, Segments
 from multirod.stability import Modes
@@ -263,10 +263,15 @@ class BackboneSegments(Segments):
             modes.diverging[:] = (problem.stability.has_potential & problem.lines.gives_way())[instances]
         return modes
 
+    @property
+    def _asked(self) -> BoundaryProblem:
+        """The problem whose equilibria are known by breakpoints."""
+        return self.problem
+
     @contextmanager
     def _known_by(self, points: dict[int, Breakpoints]) -> Iterator[None]:
         """The problem at these equilibria, where others read what it is at."""
-        problem, before, unknowns = self.problem, self.problem.breakpoints, self.problem.read("unknowns")
+        problem, before, unknowns = self._asked, self._asked.breakpoints, self._asked.read("unknowns")
         at = unknowns.copy()
         at[list(points)] = [own.unknowns for own in points.values()]
         problem.breakpoints = points

@@ -23,6 +23,13 @@ if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 
+def clamped(backbones: "BackboneProblem") -> "ClampedBackbones":
+    """The launch of backbones that are in pieces."""
+    chain = backbones.launch
+    assert isinstance(chain, ClampedBackbones)
+    return chain
+
+
 class ClampedBackbones:
     """Single rods of a ``BackboneProblem`` with clamps, as its ``launch``: it leaves in the problem's buffers what that does.
 

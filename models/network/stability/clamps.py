@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.capabilities import Clamps
-from multirod.models.backbone.stability.clamps import ClampedBackbones
+from multirod.models.backbone.stability.clamps import clamped
 from multirod.models.network.elements.elements import GAP_AT, OWN, TURNING
-from multirod.models.network.elements.groups import RodGroup
 from multirod.models.network.joining.joints import MOST
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.rotations import cross_matrix, matrices
@@ -35,23 +34,17 @@ class NetworkClamps(Clamps):
         self.size = 3 * self.each * problem.rod_count
         unit = np.zeros((problem.instance_count, problem.rod_count, self.each, 3))
         for group in problem.groups:
-            unit[:, group.members] = self._chain(group).unit.reshape(problem.instance_count, -1, 1, 3)
+            unit[:, group.members] = clamped(group.backbones).unit.reshape(problem.instance_count, -1, 1, 3)
         self.unit = unit.reshape(-1, self.size)
 
     @property
     def pairs(self) -> NetworkConjugates:  # noqa: D102
         return self._pairs
 
-    @staticmethod
-    def _chain(group: RodGroup) -> ClampedBackbones:
-        chain = group.backbones.launch
-        assert isinstance(chain, ClampedBackbones)  # as all rods are in pieces
-        return chain
-
     def put(self, moments: FloatArray) -> None:  # noqa: D102
         own = moments.reshape(len(moments), -1, self.each, 3)
         for group in self.problem.groups:
-            self._chain(group).moments[:] = own[:, group.members].reshape(-1, self.each, 3)
+            clamped(group.backbones).moments[:] = own[:, group.members].reshape(-1, self.each, 3)
 
     def turned(self) -> FloatArray:  # noqa: D102
         columns = self._by_rods("turned")
@@ -102,7 +95,7 @@ class NetworkClamps(Clamps):
         problem = self.problem
         result = np.zeros((problem.instance_count, problem.rod_count, self.each, *tail))
         for group in problem.groups:
-            result[:, group.members] = getattr(self._chain(group), name).reshape(len(result), -1, self.each, *tail)
+            result[:, group.members] = getattr(clamped(group.backbones), name).reshape(len(result), -1, self.each, *tail)
         return result
 
     def _by_rods(self, name: str) -> FloatArray:
@@ -111,7 +104,7 @@ class NetworkClamps(Clamps):
         problem, first = self.problem, OWN + TURNING
         result = np.zeros((problem.instance_count, problem.rod_count, self.each, 3, first + self.size))
         for group in problem.groups:
-            chain = self._chain(group)
+            chain = clamped(group.backbones)
             values = getattr(chain, name).reshape(len(result), -1, *getattr(chain, name).shape[1:])
             last = OWN + chain.loads
             result[:, group.members, ..., :last] = values[..., :last]

@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.capabilities import Clamps, Conjugates
-from multirod.models.backbone.stability.clamps import ClampedBackbones
+from multirod.models.backbone.stability.clamps import clamped
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
-    from multirod.models.platform.legs import LegGroup
     from multirod.models.platform.problem import ParallelProblem
 
 
@@ -22,7 +21,7 @@ class PlatformClamps(Clamps):
         self.size = 3 * self.each * legs
         unit = np.zeros((count, legs, self.each, 3))
         for group in problem.groups:
-            unit[:, list(group.members)] = self._chain(group).unit.reshape(count, -1, 1, 3)
+            unit[:, list(group.members)] = clamped(group.backbones).unit.reshape(count, -1, 1, 3)
         self.unit = unit.reshape(count, self.size)
 
     @property
@@ -31,16 +30,10 @@ class PlatformClamps(Clamps):
         assert pairs is not None  # of a platform that is free, the only one that is clamped
         return pairs
 
-    @staticmethod
-    def _chain(group: "LegGroup") -> ClampedBackbones:
-        chain = group.backbones.launch
-        assert isinstance(chain, ClampedBackbones)  # as all legs are in pieces
-        return chain
-
     def put(self, moments: FloatArray) -> None:  # noqa: D102
         own = moments.reshape(len(moments), -1, self.each, 3)
         for group in self.problem.groups:
-            self._chain(group).moments[:] = own[:, list(group.members)].reshape(-1, self.each, 3)
+            clamped(group.backbones).moments[:] = own[:, list(group.members)].reshape(-1, self.each, 3)
 
     def turned(self) -> FloatArray:  # noqa: D102
         return self._by_all("turned").reshape(self.problem.instance_count, self.size, -1)
@@ -63,7 +56,7 @@ class PlatformClamps(Clamps):
         problem = self.problem
         result = np.zeros((problem.instance_count, len(problem.geometry.legs), self.each, *tail))
         for group in problem.groups:
-            result[:, list(group.members)] = getattr(self._chain(group), name).reshape(len(result), -1, self.each, *tail)
+            result[:, list(group.members)] = getattr(clamped(group.backbones), name).reshape(len(result), -1, self.each, *tail)
         return result
 
     def _by_all(self, name: str) -> FloatArray:
@@ -72,7 +65,7 @@ class PlatformClamps(Clamps):
         legs = len(problem.geometry.legs)
         result = np.zeros((problem.instance_count, legs, self.each, 3, n + self.size))
         for group in problem.groups:
-            values = getattr(self._chain(group), name)
+            values = getattr(clamped(group.backbones), name)
             values = values.reshape(len(result), -1, *values.shape[1:])
             m = values.shape[-1] - k
             for place, leg in enumerate(group.members):

@@ -212,7 +212,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         """A start whose shape is beyond its limits."""
         assert self._shape is not None
         found = self._shape.look(unknowns, self._task.problem.read("inputs"))
-        if not found.within:
+        if not self._shape.within(found):
             refuse("Controller.limits", limits, f"must hold at the start too, where {self._shape.said(found)}")
         self._shape.last = found
 
@@ -372,7 +372,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         if beyond.any():
             self._step.stay(record, told, beyond)
             found = looked()
-            status = int(Status.AT_LIMIT if found.within else Status.OUT_OF_LIMITS)
+            status = int(Status.AT_LIMIT if shape.within(found) else Status.OUT_OF_LIMITS)
         self._step.limit_shape(*shape.rows(found), shape.longest)
         return status
 

@@ -54,23 +54,12 @@ class Look:
         inputs: A row of the problem's, shape (1, size).
         by: (2) ``B``: how the unknowns vary with what is free along equilibria, shape (n, k).
         room: What is left of each limit of the shape, shape (count,).
-        rounded: What of that is rounding, shape (count,).
     """
 
     unknowns: FloatArray
     inputs: FloatArray
     by: FloatArray
     room: FloatArray
-    rounded: FloatArray
-
-    @property
-    def within(self) -> bool:
-        """Whether it is within all limits; what is not known is not."""
-        return bool((self.room >= -self.rounded).all())
-
-    def no_nearer(self, last: "Look") -> NDArray[np.bool_]:
-        """Which limits it is within, and no nearer to than the last command was, shape (count,)."""
-        return np.asarray((self.room >= -self.rounded) & (self.room >= last.room - 0.1 * self.rounded))
 
 
 class ShapeLimits:
@@ -116,18 +105,22 @@ class ShapeLimits:
         """At unknowns (1, n), which are an equilibrium's to first order, and a row of the problem's inputs (1, size)."""
         problem = self._one.problem
         with problem.alone:
-            problem.write("unknowns", unknowns)
-            problem.write("inputs", inputs)
+            self._place(problem, unknowns, inputs)
             self._one.integrate()
             self.integrations += 1
             towards, by = self._one.last().eliminated
         there = unknowns + towards
-        return Look(there, np.array(inputs), by[0], self._room(self._one, there, inputs)[0], self._rounded)
+        return Look(there, np.array(inputs), by[0], self._room(self._one, there, inputs)[0])
+
+    def within(self, found: Look) -> bool:
+        """Whether a look found all within limits; what is not known is not."""
+        return bool((found.room >= -self._rounded).all())
 
     def refuses(self, found: Look) -> NDArray[np.bool_]:
         """Which limits, (count,), a command is beyond, or nearly so and nearer than the last one: then the next step is half as
         long as the one between them, from then on each twice as long as the one before."""
-        refused = ~((found.room >= LEAST_ROOM) | found.no_nearer(self.last))
+        no_nearer = (found.room >= -self._rounded) & (found.room >= self.last.room - 0.1 * self._rounded)
+        refused = ~((found.room >= LEAST_ROOM) | no_nearer)
         if refused.any():
             step = (found.inputs - self.last.inputs)[0, self._one.places] / self._unit
             self.longest = 0.5 * min(self.longest, float(np.abs(step).max()))
@@ -165,7 +158,11 @@ class ShapeLimits:
     def _room(self, task: Task, unknowns: FloatArray, inputs: FloatArray) -> FloatArray:
         problem = task.problem
         with problem.alone:
-            problem.write("unknowns", unknowns)
-            problem.write("inputs", inputs)
+            self._place(problem, unknowns, inputs)
             self.integrations += len(inputs)
             return room(problem, self._limits)
+
+    @staticmethod
+    def _place(problem: BoundaryProblem, unknowns: FloatArray, inputs: FloatArray) -> None:
+        problem.write("unknowns", unknowns)
+        problem.write("inputs", inputs)
