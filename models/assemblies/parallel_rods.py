@@ -172,7 +172,8 @@ class ParallelRods(Assembly):
     def input_directions(self, *names: str) -> dict[str, int]:
         """Directions for the derivatives by some inputs: rods of different legs share one, and what acts on the platform touches
         no leg."""
-        refuse_unknown(names, self.rods)
+        for leg in self.geometry.legs:
+            refuse_unknown(names, leg.rods)
         found = input_columns(self.geometry, names)
         options = {
             "direction_count": sum(columns.size for columns in found),

@@ -36,16 +36,21 @@ def columns_along(problem: "HeldProblem", names: Sequence[str], places: FloatArr
     """(D20) What ``HeldProblem.along`` returns."""
     problem.to_rod()
     found, lever = problem.rod.derivatives.along_itself(0, places)
-    m, d, n = problem.rod.unknown_count, problem.direction_count, problem.unknown_count
+    m, d = problem.rod.unknown_count, problem.direction_count
     for j, axis in enumerate(np.moveaxis(problem.turn_axes(), 2, 0)):
         found["position"][..., m + d + j] += cross(axis[:, None], lever)
         found["rotation"][..., m + d + j] += axis[:, None]
     result = {name: by_own_unknowns(problem, values) for name, values in found.items()}
-    rates = problem.unknown_rates(names)
-    if rates is not None:
-        for values in result.values():
-            values[..., n:] -= values[..., :n] @ rates[:, None]
+    for values in result.values():
+        at_rates(problem, names, values)
     return result
+
+
+def at_rates(problem: "HeldProblem", names: Sequence[str], values: FloatArray) -> None:
+    """(D9) In place: columns (..., rows, n + k) by numbers at fixed unknowns, not at what the unknowns stand for."""
+    rates, n = problem.unknown_rates(names), problem.unknown_count
+    if rates is not None:
+        values[..., n:] -= values[..., :n] @ rates[:, None]
 
 
 class HeldSensing:
@@ -70,10 +75,8 @@ class HeldSensing:
 
     def curvature(self, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """Of the last launch, as ``BoundaryProblem.sensed`` says; a turn of the base leaves it as it is."""
-        problem, n = self.problem, self.problem.unknown_count
+        problem = self.problem
         curvature, found = self._rod.curvature(0)
         columns = by_own_unknowns(problem, found)
-        rates = problem.unknown_rates(names)
-        if rates is not None:
-            columns[..., n:] -= columns[..., :n] @ rates[:, None]
+        at_rates(problem, names, columns)
         return curvature, columns

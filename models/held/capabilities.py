@@ -1,5 +1,6 @@
 """What a held rod offers of its rod: parts, shapes, lines, and how far it reaches."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from multirod.batch import IntArray
 from multirod.capabilities import Lines, Shapes
 from multirod.integrators import Integrator
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
-from multirod.models.held.along import by_own_unknowns
+from multirod.models.held.along import at_rates, by_own_unknowns
 from multirod.models.held.start import BUCKLED
 from multirod.models.held.table import straight_at_rest
 from multirod.problem import Shape
@@ -87,7 +88,15 @@ class HeldLines(Lines):
 
     def length_columns(self, *names: str) -> FloatArray:
         """As said."""
-        return by_own_unknowns(self.problem, self._of_rod().length_columns(*names))
+        return self._at_unknowns(names, self._of_rod().length_columns())
+
+    def tension_columns(self, *names: str) -> FloatArray:  # noqa: D102
+        return self._at_unknowns(names, self._of_rod().tension_columns())
+
+    def _at_unknowns(self, names: Sequence[str], columns: FloatArray) -> FloatArray:
+        columns = by_own_unknowns(self.problem, columns)
+        at_rates(self.problem, names, columns[:, None])
+        return columns
 
 
 class Reach:

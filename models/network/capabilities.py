@@ -1,5 +1,6 @@
 """What the boundary problem of a network offers beside its equations."""
 
+from collections.abc import Sequence
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from multirod.capabilities import Shapes
 from multirod.integrators import Integrator
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.members.driven import LinesOfGroups
+from multirod.models.network.derivatives.along import at_rates, by_network
 from multirod.models.network.derivatives.designs import by_numbers
 from multirod.models.network.elements import records
 from multirod.problem import Shape
@@ -121,4 +123,26 @@ class NetworkLines(LinesOfGroups["NetworkProblem"]):
                 there = np.flatnonzero(problem.places[rod] >= 0)
                 result[:, lines, problem.places[rod, there]] = own[..., there]
                 result[:, lines, n:] = by_numbers(every, rod, own[..., size : size + problem.direction_count])
-        return result
+        return self._at_unknowns(names, result)
+
+    def tension_columns(self, *names: str) -> FloatArray:
+        """As said; neither bodies nor how a base turns touch what pulls a line."""
+        problem = self.problem
+        aim, n = problem.aim_of(names), problem.unknown_count
+        numbers = sum(columns.numbers for columns in aim.every)
+        result = np.zeros((problem.instance_count, int(self.first[-1]), n + numbers))
+        still = np.zeros((problem.instance_count, 3, n + numbers))
+        for group in problem.groups:
+            if not group.backbones.drive_count:
+                continue
+            found = group.backbones.lines.tension_columns()
+            found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
+            for place, rod in enumerate(group.members.tolist()):
+                lines = slice(self.first[rod], self.first[rod + 1])
+                result[:, lines] = by_network(problem, aim, group, place, found[:, place], still)
+        return self._at_unknowns(names, result)
+
+    def _at_unknowns(self, names: Sequence[str], columns: FloatArray) -> FloatArray:
+        """(D9) of ``docs/derivatives.md``: columns, those by parameters at fixed unknowns."""
+        at_rates(self.problem, self.problem.aim_of(names), columns[:, None])
+        return columns

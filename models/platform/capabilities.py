@@ -1,14 +1,16 @@
 """What the boundary problem of a parallel robot offers beside its equations."""
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multirod.batch import IntArray
-from multirod.capabilities import Shapes
+from multirod.capabilities import Lines, Shapes
 from multirod.integrators import Integrator
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.members.driven import LinesOfGroups
+from multirod.models.platform.derivatives.along import at_rates, by_robot
 from multirod.models.platform.derivatives.columns import input_columns
 from multirod.problem import Shape
 from multirod.validation import FloatArray
@@ -74,24 +76,24 @@ class PlatformLines(LinesOfGroups["ParallelProblem"]):
 
     def length_columns(self, *names: str) -> FloatArray:
         """As said; of lines of legs, which touch neither the platform nor other legs."""
+        return self._columns(names, lambda lines: lines.length_columns())
+
+    def tension_columns(self, *names: str) -> FloatArray:  # noqa: D102
+        return self._columns(names, lambda lines: lines.tension_columns())
+
+    def _columns(self, names: Sequence[str], ask: Callable[[Lines], FloatArray]) -> FloatArray:
+        """(D20) of ``docs/derivatives.md``: what ``ask`` gives of lines of legs of one build, by the robot's unknowns, then by
+        each number that is named."""
         problem = self.problem
-        geometry, n = problem.geometry, problem.unknown_count
-        every = input_columns(geometry, names)
-        starts = np.cumsum([n, *(columns.numbers for columns in every)])
-        result = np.zeros((problem.instance_count, int(self.first[-1]), int(starts[-1])))
+        every = input_columns(problem.geometry, names)
+        numbers = sum(columns.numbers for columns in every)
+        result = np.zeros((problem.instance_count, int(self.first[-1]), problem.unknown_count + numbers))
         for group in problem.groups:
             if not group.backbones.drive_count:
                 continue
-            m, found = group.backbones.unknown_count, group.backbones.lines.length_columns()
+            found = ask(group.backbones.lines)
             found = found.reshape(problem.instance_count, len(group.members), *found.shape[1:])
             for place, leg in enumerate(group.members):
-                lines = slice(self.first[leg], self.first[leg + 1])
-                result[:, lines, problem.own[leg]] = found[:, place, :, :m]
-                if problem.inverse:  # by the translation that is unknown
-                    result[:, lines, problem.platform.start + leg] = found[:, place, :, m + problem.leg_direction_count]
-                for columns, start in zip(every, starts.tolist(), strict=False):
-                    if columns.on_legs:
-                        begin, count = columns.shares[0 if columns.shared else leg]
-                        own = found[:, place, :, m + columns.start :][..., :count]
-                        result[:, lines, start + begin : start + begin + count] = own
+                result[:, self.first[leg] : self.first[leg + 1]] = by_robot(problem, every, leg, found[:, place])
+        at_rates(problem, every, result[:, None])
         return result
