@@ -27,6 +27,11 @@ class Shapes(ABC):
     def at_nodes(self, node_count: int) -> "tuple[tuple[Shape, ...], FloatArray]":
         """Shape of each rod at the problem's ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
 
+    def jumps(self) -> tuple[FloatArray, ...]:
+        """Arclengths of each rod at which its curvature may jump between nodes [m], shape (instance_count, count); none by
+        default."""
+        return ()
+
 
 class Lines(ABC):
     """What lines along the rods do, in the order of the rods and their lines."""

@@ -175,6 +175,12 @@ class WrappedShapes(Shapes):
         assert inner is not None  # or nothing was offered
         return inner.at_nodes(node_count)
 
+    def jumps(self) -> tuple[FloatArray, ...]:  # noqa: D102
+        self.problem.present()
+        inner = self.problem.inner.shapes
+        assert inner is not None
+        return inner.jumps()
+
 
 class WrappedParts(Parts):
     """Parts of the inner problem, each with the outer one around it again."""

@@ -6,6 +6,7 @@ from observer_scenes import three_tubes
 
 import multirod as mr
 from multirod.rotations import matrices
+from multirod.tasks.controlling import shape_limits
 
 STEPS = mr.RK4(30)
 SOLVER = mr.Shooting(integrator=STEPS)
@@ -199,7 +200,7 @@ def test_without_inputs_it_begins_as_near_to_the_default_as_limits_allow():
         (
             {"limits": mr.Limits(curvature=5)},
             ValueError,
-            "Controller.limits .* at the start too, where the largest curvature is 9.029 1/m",
+            "Controller.limits .* at the start too, where the largest curvature is 9.052 1/m",
         ),
         (
             {"limits": mr.Limits(stability_margin=2)},
@@ -242,7 +243,11 @@ def shapes_of(start, path, **limited):
 
 
 def largest_bending(solution):
-    return max(np.linalg.norm(solution.rod(k).curvature[:, :2], axis=1).max() for k in range(3))
+    return max(bending(solution, k, 1501) for k in range(3))
+
+
+def bending(solution, rod, nodes):
+    return np.linalg.norm(solution.rod(rod, nodes=nodes).curvature[:, :2], axis=1).max()
 
 
 def aside(start, size, count):
@@ -259,8 +264,14 @@ def test_a_limit_of_curvature_is_kept_by_other_inputs_for_the_same_tip(start):
     commands, there = shapes_of(start, path, curvature=most)
     assert max(map(largest_bending, there)) <= most
     assert {command.status for command in commands} == {mr.Status.TRACKING}
-    # second order: steps of 2.5 mm squared over radii of 0.1 m are 6e-5, of which what is foreseen takes the most
-    assert max(np.linalg.norm(own.tip_position - y) for own, y in zip(there[3:], path[3:], strict=True)) < 2e-5
+    # second order: steps of 2.5 mm squared over radii of 0.1 m
+    assert max(np.linalg.norm(own.tip_position - y) for own, y in zip(there[3:], path[3:], strict=True)) < 6e-5
+
+
+def test_commands_at_limits_can_be_given_to_the_robot_again(start):
+    """The second tube is let in as far as it goes: by rounding its translation was 5e-20 m, which is refused."""
+    commands, _ = shapes_of(start, aside(start, 1.0, 75), curvature=10.4)
+    assert max(command.inputs.translation[2] for command in commands) > -1e-9
 
 
 def test_a_limit_of_the_stability_margin_is_kept_and_slid_along(start):
@@ -421,3 +432,19 @@ def test_what_cannot_be_met_does_not_add_up_along_what_moves_the_tip_by_nothing(
         assert np.abs(command.tension).max() < 20
     assert command.singular
     assert command.target_error < 0.012  # not nearer than the bowl is
+
+
+@pytest.mark.parametrize("border", [0.25, 0.333, 0.3399])
+def test_bending_is_seen_where_a_section_ends_between_places(border):
+    """101 places are 1 % of the rod apart, over which the bending of the soft section changes by several per cent."""
+    stiffness = {border: 0.2, 0.4 - border: 0.01}
+    sections = [mr.Section(length=L, bending_stiffness=EI, torsional_stiffness=EI) for L, EI in stiffness.items()]
+    robot = mr.SingleRod(mr.Rod(sections=sections))
+    inputs = robot.inputs(tip_force=(0.5, 0.2, 0))
+    found = mr.solve(robot, inputs, solver=SOLVER)
+    problem = robot.problem(inputs, integrator=STEPS)
+    problem.write("unknowns", found.unknowns[None])
+    most = bending(found, 0, 40001)
+    assert shape_limits.largest_bending(problem)[0] == pytest.approx(most, rel=1e-4)  # the second order of 1 % over a section
+    if border == 0.333:  # 0.8 of the way between two places
+        assert bending(found, 0, shape_limits.NODES) < 0.99 * most

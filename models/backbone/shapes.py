@@ -33,6 +33,13 @@ class BackboneShapes(Shapes):
                         shape[name][k] = getattr(other, name)[k]
         return tuple(Shape(**shape) for shape in shapes), energy
 
+    def jumps(self) -> tuple[FloatArray, ...]:
+        """As said: where a piece of any rod ends, counted from where all come out."""
+        problem = self.problem
+        out = problem.read("inputs")[:, problem.input_slice("translation")]
+        ends = problem.each(problem.arrays.end) + out[..., None]
+        return (ends.reshape(len(out), -1),) * len(problem.rods)
+
     def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
         """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape
         (instance_count,)."""

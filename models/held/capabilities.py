@@ -60,6 +60,10 @@ class HeldShapes(Shapes):
         self.problem.to_rod()
         return self.problem.rod.shapes.at_nodes(node_count)
 
+    def jumps(self) -> tuple[FloatArray, ...]:  # noqa: D102
+        self.problem.to_rod()
+        return self.problem.rod.shapes.jumps()
+
 
 class HeldLines(Lines):
     """Of a ``HeldProblem``."""

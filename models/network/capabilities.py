@@ -79,6 +79,21 @@ class NetworkShapes(Shapes):
         tubes = [(rod, tube) for rod, whole in enumerate(problem.graph.whole) for tube in range(whole.rod_count)]
         return tuple(_joined([found[k, tube] for k in slides.of(rod)], node_count) for rod, tube in tubes), energy
 
+    def jumps(self) -> tuple[FloatArray, ...]:
+        """As said; of a rod that slides none between nodes: two stand at each hole."""
+        problem, graph = self.problem, self.problem.graph
+        found = [np.zeros((problem.instance_count, 0))] * int(graph.first_tube[-1])
+        with problem.everyone():
+            problem.hand_over()
+            for group in problem.groups:
+                for tube, own in enumerate(group.backbones.shapes.jumps()):
+                    for place, rod in enumerate(group.members.tolist()):
+                        whole = int(graph.slides.owner[rod])
+                        if len(graph.slides.of(whole)) == 1:
+                            values = own.reshape(problem.instance_count, -1, own.shape[1])
+                            found[graph.first_tube[whole] + tube] = values[:, place]
+        return tuple(found)
+
     def of_springs(self, angles: list[FloatArray]) -> FloatArray:
         """Energy of the springs in the joints [J], shape (instance_count,)."""
         tables = [end.table for end in self.problem.graph.ends]

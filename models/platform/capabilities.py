@@ -64,6 +64,16 @@ class PlatformShapes(Shapes):
                     found[self.problem.geometry.first_rod[leg] + i] = Shape(**values)
         return tuple(shape for shape in found if shape is not None), energy
 
+    def jumps(self) -> tuple[FloatArray, ...]:  # noqa: D102
+        self.problem.to_legs()
+        found = [np.zeros((0, 0))] * len(self.problem.geometry.rods)
+        for group in self.problem.groups:
+            for i, own in enumerate(group.backbones.shapes.jumps()):
+                for place, leg in enumerate(group.members):
+                    first = self.problem.geometry.first_rod[leg]
+                    found[first + i] = own.reshape(self.problem.instance_count, -1, own.shape[1])[:, place]
+        return tuple(found)
+
 
 class PlatformLines(LinesOfGroups["ParallelProblem"]):
     """Of a ``ParallelProblem``: those of its legs."""

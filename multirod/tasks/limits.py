@@ -19,6 +19,7 @@ from multirod.validation import FloatArray, array, nonnegative_float, number, po
 
 SHORTEST = 1e-3  # of its length, what of a rod stays in use
 ROUNDING = 1e-14  # in units (9)
+INSET = 1e-10  # likewise, by what steps keep limits, which rounding does not use up
 PROJECTIONS = 1000
 MOST_KNOWN = 64  # rows that are kept for who asks for the same again
 ROUNDING_BEYOND = 1e-9  # of what counts as one, what a start may be beyond a limit by rounding
@@ -121,6 +122,11 @@ class LimitRows:
     low: FloatArray
     high: FloatArray
     names: tuple[str, ...]
+
+    def inset(self, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``low`` and ``high``, by so much within them that rounding leads beyond none; ``unit`` is (9), shape (k,)."""
+        room = np.minimum(INSET * (np.abs(self.matrix) @ unit), 0.25 * (self.high - self.low))
+        return self.low + room, self.high - room
 
     def remarks(self, values: FloatArray, target: FloatArray | None, error: float) -> Remarks:
         """What a recording shows of a sample at ``p`` (k,): limits that have two ends, and a target of the position."""

@@ -86,7 +86,7 @@ class ControlStep:
         self._limits = {name: Shared(size, wp.float64, device) for name, size in each.items()}
         self._longest = Shared((1,), wp.float64, device)
         self._longest.write(LONGEST)
-        self._put_limits(slice(c), rows.matrix, rows.low, rows.high)
+        self._put_limits(slice(c), rows.matrix, *rows.inset(self._unit))
         self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
         self._launches: dict[Kind, Callable[[], None]] = {}
         self._kind: Kind = (0, 0, 0)  # of the last launch

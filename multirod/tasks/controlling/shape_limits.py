@@ -30,8 +30,30 @@ def largest_bending(problem: BoundaryProblem) -> FloatArray:
     if problem.shapes is None:
         return np.zeros(problem.instance_count)
     shapes, _ = problem.shapes.at_nodes(NODES)
-    most = [np.fmax.reduce(np.linalg.norm(shape.curvature[..., :2], axis=-1), axis=1) for shape in shapes]
+    jumps = problem.shapes.jumps() or (np.zeros((problem.instance_count, 0)),) * len(shapes)
+    most = [
+        _most(np.linalg.norm(shape.curvature[..., :2], axis=-1), shape.arclength, own)
+        for shape, own in zip(shapes, jumps, strict=True)
+    ]
     return np.asarray(np.max(most, axis=0))
+
+
+def _most(bent: FloatArray, arclength: FloatArray, jumps: FloatArray) -> FloatArray:
+    """Most of what is known at nodes (b, node), and of what it goes on to from either side where it may jump, shape (b,)."""
+    every, last = np.arange(len(bent)), bent.shape[1] - 1
+    most, jumps = np.fmax.reduce(bent, axis=1), np.sort(jumps, axis=1)
+    for j, at in enumerate(jumps.T):
+        before = (arclength <= at[:, None]).sum(axis=1) - 1
+        within = (before >= 0) & (before < last)
+        for near, step, other in ((before, -1, j - 1), (before + 1, 1, j + 1)):
+            near, far = np.clip(near, 0, last), np.clip(near + step, 0, last)
+            stretch = arclength[every, near] - arclength[every, far]
+            known = within & (stretch != 0)
+            if 0 <= other < jumps.shape[1]:  # both nodes on this side of the next jump
+                known &= (arclength[every, far] - jumps[:, other]) * step < 0
+            slope = (bent[every, near] - bent[every, far]) / np.where(known, stretch, 1.0)
+            most = np.fmax(most, np.where(known, bent[every, near] + slope * (at - arclength[every, near]), 0.0))
+    return np.asarray(most)
 
 
 def room(problem: BoundaryProblem, limits: Limits) -> FloatArray:

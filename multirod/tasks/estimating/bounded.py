@@ -16,7 +16,6 @@ from multirod.validation import FloatArray
 SOFTNESS = 1e-14  # of the largest number squared: bounds a step along what nothing is told of, and slows none that is told of
 AT_LIMIT = 1e-8  # in units (9), what still is at a limit
 LIMIT_ROUNDING = 1e-12  # likewise, what of a number is rounding where it is at its limit
-INSET = 1e-10  # likewise: limits of several numbers together are kept by so much, which rounding does not use up
 HOST = "cpu"  # where steps of estimates are planned, whatever device integrates
 
 
@@ -30,9 +29,11 @@ class Bounds:
 
     def __init__(self, rows: LimitRows, unit: FloatArray) -> None:
         self.rows = rows
-        size = np.abs(rows.matrix) @ unit
-        inset = np.minimum(INSET * size, 0.25 * (rows.high - rows.low)) * ((rows.matrix != 0).sum(axis=1) > 1)
-        self._near, self._low, self._high, self._unit = AT_LIMIT * size, rows.low + inset, rows.high - inset, unit
+        together = (rows.matrix != 0).sum(axis=1) > 1  # what is of one number is kept without rounding
+        self._low, self._high = (
+            np.where(together, inset, own) for inset, own in zip(rows.inset(unit), (rows.low, rows.high), strict=True)
+        )
+        self._near, self._unit = AT_LIMIT * (np.abs(rows.matrix) @ unit), unit
 
     def at_limit(self, values: FloatArray) -> NDArray[np.bool_]:
         """Which numbers ``p`` (..., k) take part in a limit that they are at, or beyond, shape (..., k); none where they are

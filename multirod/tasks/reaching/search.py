@@ -32,7 +32,6 @@ from multirod.validation import FloatArray
 LEAST_PART = 0.01  # of the way
 SINGULAR = 1e-5  # least over largest singular value of J, from which a target that is not reached is called singular
 NEAR_LIMIT = 1e-8  # in units (9)
-INSET = 1e-10  # likewise: limits are kept by so much, which rounding does not use up
 SETTLING = 4  # integrations that an equilibrium that was found by other kernels is brought to its tolerance by
 CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
 
@@ -86,10 +85,10 @@ class Goals:
 def _limiting(limits: LimitRows, unit: FloatArray) -> dict[str, FloatArray]:
     """What kernels are told of limits of the freed inputs."""
     size = np.abs(limits.matrix) @ unit
-    inset = np.minimum(INSET * size, 0.25 * (limits.high - limits.low))
+    low, high = limits.inset(unit)
     result = {"unit": unit, "limits": limits.matrix, "step_limits": limits.matrix * unit}
     result |= {"low": limits.low, "high": limits.high, "near": NEAR_LIMIT * size}
-    return result | {"inset_low": limits.low + inset, "inset_high": limits.high - inset}
+    return result | {"inset_low": low, "inset_high": high}
 
 
 class Search:
