@@ -15,12 +15,14 @@ N = 4
 
 def spectral_radius(before, after, centre, enough, most):
     """The kernels' bound on the distance of the eigenvalues of ``after before^-1`` from ``centre``."""
-    of = make_iteration().spectral_radius
+    iteration = make_iteration()
+    divide, radius = iteration.divide, iteration.radius
 
     @wp.kernel(module="unique", enable_backward=False)
     def probe(state: NewtonState, bound: wp.array[wp.float64], centre: wp.float64, enough: wp.float64, most: wp.float64):
         t = wp.tid()
-        bound[t] = of(state, t, state.reference, 0, centre, enough, most)
+        divide(state, t, state.reference)
+        bound[t] = radius(state, t, state.reference, 0, centre, enough, most)
 
     state = NewtonState()
     state.gamma = wp.array(after, dtype=wp.float64)

@@ -47,6 +47,30 @@ def test_scenes_that_fewer_tests_lose(kind, seed, place):
         assert study.alike(unknowns, truth.unknowns).all()
 
 
+def test_the_whole_load_at_once_where_newton_contracts_slowly():
+    """Equilibria at the quarters of the way say that it is one branch; a step that is halved takes 12 integrations or more."""
+    random, count = np.random.default_rng(0), 60
+    data = [(0.00387, 0.00301, 0.431, 0.103, 9.0), (0.01717, 0.01402, 0.332, 0.113, 6.0), (0.03977, 0.05022, 0.174, 0.134, 3.5)]
+    rods = [
+        mr.Rod(length=L, bending_stiffness=EI, torsional_stiffness=GJ, precurvature=[(L - c, (0, 0, 0)), (c, (k, 0, 0))])
+        for EI, GJ, L, c, k in data
+    ]
+    robot = mr.ConcentricTubes(rods)
+    rotation = np.array([0.4, 0.8, -0.3]) + random.uniform(-0.5, 0.5, (count, 3))
+    inputs = robot.inputs(rotation=rotation, translation=(-0.28, -0.22, -0.1), tip_force=(0, 0.2, 0.1))
+    problem = robot.problem(inputs, integrator=study.INTEGRATOR)
+    paths = Paths(problem, mr.Shooting(integrator=study.INTEGRATOR).newton(problem), 1000)
+    outcome = paths.raise_loads(np.ones(count, dtype=bool), problem.mode_bounds())
+    assert (outcome.status == Status.CONVERGED).all()
+    levels = paths.state.levels.numpy()
+    at_once = np.flatnonzero((levels[:, 0] == 1) & (levels[:, 1] == 0) & (paths.state.doubted.numpy() != 0))
+    assert len(at_once) > count / 4
+    assert outcome.integrations[at_once].max() < 12
+    truth = study.reference(problem.parts.of(at_once))
+    assert (truth.level == 1).all()
+    assert study.alike(problem.read("unknowns")[at_once], truth.unknowns).all()
+
+
 def equal_tubes(curvature):
     tube = mr.Rod(length=1, bending_stiffness=1, torsional_stiffness=1, precurvature=(curvature, 0, 0))
     return mr.ConcentricTubes([tube, tube])

@@ -26,12 +26,16 @@ AGREEMENT = 0.25  # the same from half the way to where twice the step led: half
 HALFWAY = 0.1  # largest distance of the equilibrium halfway from the curve through the ends, relative to theirs
 HALFWAY_FIRST = 0.35  # the same where that curve is a straight line
 NEAR = 0.1  # of a step, that Newton's next may be where it is looked at halfway
+DOUBTFUL = 0.65  # first ratio of Newton steps, up to which the whole load at once is looked at at its quarters too
+STRETCH = 0.15  # of a step, that is gone with it where no more is left to the full load
 ON_THE_WAY = 1.0e-3  # of a step, how far from the equilibrium its end may be where the path goes on
 CLEARLY = 1.05  # radius of the disc that eigenvalues are not in when it is told before the equilibrium is found
 FALL = 0.1  # of the residual by Newton's last step but one, that tells so
 PATIENCE = 2  # halvings of a step, after which the equilibrium that it starts from is found to the tolerance
-# a step has not been looked at halfway, is, has been, is by its last integration, or waits for the equilibrium it starts from
-UNSEEN, LOOKING, SEEN, LAST_LOOK, POLISHING = 0, 1, 2, 3, 4
+# a step has not been looked at halfway, is, has been, is by its last integration, or waits for the equilibrium it starts from;
+# or is looked at at its first or its last quarter
+UNSEEN, LOOKING, SEEN, LAST_LOOK, POLISHING, FIRST_QUARTER, LAST_QUARTER = 0, 1, 2, 3, 4, 5, 6
+BEFORE, MIDDLE = 0, 1  # what Gamma is compared with
 f64 = wp.float64
 
 
@@ -68,6 +72,8 @@ class PathState:
     trial: wp.array2d[wp.float64]  # the unknowns at the goal meanwhile
     halfway: wp.array3d[wp.float64]  # Gamma there, or, where the look is the step's last integration, at the goal
     apart: wp.array[wp.float64]  # how far the equilibrium there was from that curve, of what is allowed
+    doubted: wp.array[int]  # whether Newton's first steps contracted so slowly that its quarters are looked at too
+    middle: wp.array2d[wp.float64]  # unknowns of the equilibrium halfway
     safe_step: wp.array[wp.float64]  # a step that is short enough wherever it starts
     most_step: wp.array[wp.float64]  # no step is longer
     sure_level: wp.array[wp.float64]  # up to here no mode can vanish
@@ -85,31 +91,26 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
     ``rounds``, it has what is to be launched in between launched so many times at most, until no instance is on its way.
     """
     iteration = make_iteration(block, border, told)
-    iterate, spectral_radius, newton_step = iteration.iterate, iteration.spectral_radius, iteration.aim
+    iterate, divide, radius, newton_step = iteration.iterate, iteration.divide, iteration.radius, iteration.aim
     CENTRE = 0.5 * (SMALLEST_RATIO + LARGEST_RATIO)
     RADIUS = 0.5 * (LARGEST_RATIO - SMALLEST_RATIO)
 
     @wp.func(inline=False)
-    def alike(state: wp.ref[PathState], t: int, others: int, slack: f64) -> bool:
-        """Whether no mode of Gamma came near zero or changed sign since the last equilibrium, with more ``slack`` if not 1.
-
-        With two ``others``, nor since halfway.
+    def alike(state: wp.ref[PathState], t: int, first: int, last: int, slack: f64) -> bool:
+        """Whether no mode of Gamma came near zero or changed sign, with more ``slack`` if not 1, since those from ``first`` to
+        ``last``: the last equilibrium (``BEFORE``), or the one halfway (``MIDDLE``).
         """
-        test = int(0)
-        while test < 2 * others:
+        for which in range(first, last + 1):
             other = state.reference
-            which = test // 2
             if which > 0:
                 other = state.halfway
-            centre, enough, most = f64(1.0), f64(wp.static(1.0 - SMALLEST_RATIO)), f64(1.0)
-            if test % 2 == 1:
-                centre, enough, most = f64(wp.static(CENTRE)), f64(wp.static(RADIUS)), f64(wp.static(RATIO_POWERS))
-                enough *= slack
-            test += 1
-            if spectral_radius(state.newton, t, other, which, centre, enough, most) < enough:
-                test += test % 2
-            elif test % 2 == 0:
-                return False
+            divide(state.newton, t, other)
+            enough = f64(wp.static(1.0 - SMALLEST_RATIO))
+            if radius(state.newton, t, other, which, f64(1.0), enough, f64(1.0)) >= enough:
+                enough = slack * f64(wp.static(RADIUS))
+                most = f64(wp.static(RATIO_POWERS))
+                if radius(state.newton, t, other, which, f64(wp.static(CENTRE)), enough, most) >= enough:
+                    return False
         return True
 
     @wp.func(inline=False)
@@ -171,12 +172,16 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         b = state.levels[t, 1]
         c = state.levels[t, 2]
         goal = wp.min(f64(1.0), a + state.step[t])
-        if f64(1.0) - goal < f64(wp.static(MIN_STEP)):
+        least = f64(wp.static(MIN_STEP))
+        if goal > state.sure_level[t]:  # what is left would be looked at halfway too
+            least = wp.max(least, f64(wp.static(STRETCH)) * state.step[t])
+        if f64(1.0) - goal < least:
             goal = f64(1.0)
         state.goal[t] = goal
         put(state, t, goal)
         state.probed[t] = wp.where(goal <= state.sure_level[t], wp.static(SEEN), wp.static(UNSEEN))
         state.apart[t] = f64(0.0)
+        state.doubted[t] = 0
         for i in range(n):
             x = state.points[t, 0, i]
             if state.known[t] > 1:
@@ -231,6 +236,41 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
                 for j in range(state.halfway.shape[2]):
                     state.halfway[t, i, j] = state.newton.gamma[t, i, j]
 
+    @wp.func
+    def may_doubt(state: wp.ref[PathState], t: int) -> bool:
+        """Whether the first ratio of Newton steps is at hand where the whole load is tried at once."""
+        whole = state.known[t] == 1 and state.goal[t] == f64(1.0) and state.probed[t] == wp.static(UNSEEN)
+        return wp.static(not told) and whole and state.newton.iterations[t] == 1
+
+    @wp.func(inline=False)
+    def look_at_quarter(state: wp.ref[PathState], t: int, probed: int):
+        """Go to the first or last quarter of the way, on the parabola through its ends and the equilibrium halfway."""
+        a = state.levels[t, 0]
+        part = wp.where(probed == wp.static(FIRST_QUARTER), f64(0.25), f64(0.75))
+        put(state, t, a + part * (state.goal[t] - a))
+        for i in range(state.points.shape[2]):
+            bent = state.middle[t, i] - f64(0.5) * (state.points[t, 0, i] + state.trial[t, i])
+            straight = (f64(1.0) - part) * state.points[t, 0, i] + part * state.trial[t, i]
+            state.newton.unknowns[t, i] = straight + f64(0.75) * bent
+        state.probed[t] = probed
+
+    @wp.func(inline=False)
+    def passed_quarter(state: wp.ref[PathState], t: int) -> bool:
+        """Whether there is an equilibrium on that curve, and Gamma there is like that halfway, at the first quarter also like the
+        last; leads back to the trial.
+        """
+        first = wp.where(state.probed[t] == wp.static(FIRST_QUARTER), wp.static(BEFORE), wp.static(MIDDLE))
+        off = newton_step(state.newton, t)
+        sound = state.newton.fault[t] == 0 and wp.isfinite(off) and alike(state, t, first, wp.static(MIDDLE), f64(1.0))
+        moved = f64(0.0)
+        for i in range(state.points.shape[2]):
+            x = state.trial[t, i]
+            state.newton.unknowns[t, i] = x
+            moved += (x - state.points[t, 0, i]) * (x - state.points[t, 0, i])
+        put(state, t, state.goal[t])
+        state.probed[t] = wp.static(SEEN)
+        return sound and off <= f64(wp.static(HALFWAY)) * wp.sqrt(moved)
+
     @wp.func(inline=False)
     def passed_halfway(state: wp.ref[PathState], t: int) -> bool:
         """Whether there is an equilibrium halfway on that curve, and Gamma there is like the last; leads back to the trial.
@@ -241,11 +281,13 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         sound = state.newton.fault[t] == 0
         off = newton_step(state.newton, t)
         last = state.probed[t] == wp.static(LAST_LOOK)
-        sound = sound and wp.isfinite(off) and alike(state, t, wp.where(last, 2, 1), f64(1.0))
+        others = wp.where(last, wp.static(MIDDLE), wp.static(BEFORE))
+        sound = sound and wp.isfinite(off) and alike(state, t, wp.static(BEFORE), others, f64(1.0))
         moved = f64(0.0)
         size = f64(0.0)
         for i in range(n):
             x = state.trial[t, i]
+            state.middle[t, i] = state.newton.unknowns[t, i] + state.newton.direction[t, i, 0]
             state.newton.unknowns[t, i] = x
             moved += (x - state.points[t, 0, i]) * (x - state.points[t, 0, i])
             size += x * x
@@ -323,8 +365,9 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         state.iterations[t] = state.iterations[t] + state.newton.iterations[t]
         reached = state.goal[t] - state.levels[t, 0]
         # what was looked at halfway by its last integration has been compared with that
-        others = wp.where(state.goal[t] <= state.sure_level[t] or state.probed[t] == wp.static(LAST_LOOK), 1, 2)
-        same_branch = found == wp.static(int(Status.CONVERGED)) and alike(state, t, others, f64(1.0))
+        alone = state.goal[t] <= state.sure_level[t] or state.probed[t] == wp.static(LAST_LOOK)
+        others = wp.where(alone, wp.static(BEFORE), wp.static(MIDDLE))
+        same_branch = found == wp.static(int(Status.CONVERGED)) and alike(state, t, wp.static(BEFORE), others, f64(1.0))
         if same_branch and expected(state, t):
             state.surprised[t] = 0
             state.rough[t] = wp.where(rough, 1, 0)
@@ -387,16 +430,30 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
                     if passed_halfway(state, t):
                         enough = probed == wp.static(LAST_LOOK)
                         found = int(wp.static(int(Status.NOT_RUN)))
+                        if state.doubted[t] != 0:
+                            look_at_quarter(state, t, wp.static(FIRST_QUARTER))
+                elif probed == wp.static(FIRST_QUARTER) or probed == wp.static(LAST_QUARTER):
+                    if passed_quarter(state, t):
+                        found = int(wp.static(int(Status.NOT_RUN)))
+                        if probed == wp.static(FIRST_QUARTER):
+                            look_at_quarter(state, t, wp.static(LAST_QUARTER))
                 else:
                     merit = state.newton.merit[t]
-                    found = iterate(state.newton, t, 0, f64(wp.static(CONTRACTION)))
+                    most = f64(wp.static(CONTRACTION))
+                    if may_doubt(state, t):
+                        most = f64(wp.static(DOUBTFUL))
+                    found = iterate(state.newton, t, 0, most)
                     near = found == wp.static(int(Status.CONVERGED))
-                    if found == wp.static(int(Status.NOT_RUN)) and probed != wp.static(POLISHING):
+                    if found == wp.static(int(Status.NOT_RUN)) and state.newton.contraction[t] > f64(wp.static(CONTRACTION)):
+                        # the ratios after this one are to be as small as ever
+                        state.doubted[t] = 1
+                        state.newton.contraction[t] = f64(0.0)
+                    elif found == wp.static(int(Status.NOT_RUN)) and probed != wp.static(POLISHING):
                         part = left(state, t)
                         near = part <= f64(wp.static(NEAR))
                         enough = near_enough(state, t, part, merit)
                     if probed == wp.static(UNSEEN) and near:
-                        if wp.static(told) or alike(state, t, 1, f64(wp.static(CLEARLY))):
+                        if wp.static(told) or alike(state, t, wp.static(BEFORE), wp.static(BEFORE), f64(wp.static(CLEARLY))):
                             look_halfway(state, t, wp.where(enough, wp.static(LAST_LOOK), wp.static(LOOKING)))
                             found = int(wp.static(int(Status.NOT_RUN)))
                         else:

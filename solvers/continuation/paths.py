@@ -41,7 +41,8 @@ class Paths:
     once, and if the equilibrium lies where the extrapolation led, or goes on in proportion as the step is halved: near a
     bifurcation that is imperfect by a little, the other branch passes the first two tests. What has several equilibria unloaded
     is looked at halfway too: the step is kept if there is an equilibrium on the curve through its ends, and ``Gamma`` there is
-    like both. The step is otherwise halved; the branch ends where that makes it too small.
+    like both. The whole load at once may contract more slowly at first, and is then looked at at its quarters too. The step is
+    otherwise halved; the branch ends where that makes it too small.
 
     Args:
         problem: Its buffers hold the last equilibrium of each instance afterwards.
@@ -56,7 +57,8 @@ class Paths:
         self.state = state
         state.newton = newton.state
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
-        for name in ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "rough", "probed"):
+        counts = ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "rough", "probed", "doubted")
+        for name in counts:
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("step", "goal", "safe_step", "most_step", "sure_level", "apart"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
@@ -66,6 +68,7 @@ class Paths:
         state.expected = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.surprise = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.trial = wp.zeros((count, n), dtype=wp.float64, device=device)
+        state.middle = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.halfway = wp.zeros(newton.state.gamma.shape, dtype=wp.float64, device=device)
         state.max_steps = max_steps
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
@@ -125,8 +128,8 @@ class Paths:
         self.handed = None
         if self._first_values is None:
             arrays = [state.status, state.iterations, state.integrations, state.steps, state.known, state.halved, state.surprised]
-            arrays += [state.rough, state.probed, state.step, state.goal, state.apart, state.points, state.levels]
-            arrays += [state.reference, state.expected, state.surprise, state.trial, state.halfway]
+            arrays += [state.rough, state.probed, state.doubted, state.step, state.goal, state.apart, state.points, state.levels]
+            arrays += [state.reference, state.expected, state.surprise, state.trial, state.middle, state.halfway]
             self._first_values = [array.numpy() for array in arrays]
         for values in self._first_values:
             values.fill(0)

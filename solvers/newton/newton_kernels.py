@@ -89,25 +89,37 @@ def make_dense() -> SimpleNamespace:
         return wp.sqrt(total)
 
     @wp.func(inline=False)
-    def spectral_radius(
-        state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], which: int, centre: f64, enough: f64, most: f64
-    ) -> f64:
-        """Bound on the distance from ``centre`` of the eigenvalues of Gamma reference^-1, by the Frobenius norm of
-        E = Gamma reference^-1 - centre I and its powers, up to ``most`` or until it is ``enough``.
-        """
+    def divide(state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64]):
+        """Leave Gamma reference^-1 in ``state.quotient``, transposed."""
         n = state.residual.shape[1]
         for i in range(n):
             for j in range(n):
                 state.factor[t, i, j] = reference[t, j, i]
                 state.quotient[t, i, j] = state.gamma[t, j, i]
         eliminate(state.factor, state.quotient, t)
+
+    @wp.func(inline=False)
+    def radius(
+        state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], which: int, centre: f64, enough: f64, most: f64
+    ) -> f64:
+        """Bound on the distance from ``centre`` of the eigenvalues of Gamma reference^-1, by the Frobenius norm of
+        E = Gamma reference^-1 - centre I and its powers, up to ``most`` or until it is ``enough``.
+
+        The matrix is what ``divide`` left; it stays where no powers are taken, as if ``most`` is 1.
+        """
+        n = state.residual.shape[1]
         total = f64(0.0)
         for i in range(n):
-            state.quotient[t, i, i] = state.quotient[t, i, i] - centre
             for j in range(n):
-                total += state.quotient[t, i, j] * state.quotient[t, i, j]
+                e = state.quotient[t, i, j]
+                if i == j:
+                    e = e - centre
+                total += e * e
         bound = wp.sqrt(total)
         power = f64(1.0)
+        if bound > enough and power < most:
+            for i in range(n):
+                state.quotient[t, i, i] = state.quotient[t, i, i] - centre
         while bound > enough and power < most:
             for i in range(n):
                 copy_row(state.factor, state.quotient, t, i, 0, i, 0, n)
@@ -122,7 +134,7 @@ def make_dense() -> SimpleNamespace:
             bound = wp.min(bound, wp.pow(total, f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(wp.static(UNLIKE)))
 
-    return SimpleNamespace(aim=aim, spectral_radius=spectral_radius)
+    return SimpleNamespace(aim=aim, divide=divide, radius=radius)
 
 
 @cache
@@ -150,8 +162,12 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
             total += state.direction[t, i, 0] * state.direction[t, i, 0]
         return wp.sqrt(total)
 
+    @wp.func
+    def divide(state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64]):
+        """Nothing: no quotient is made."""
+
     @wp.func(inline=False)
-    def spectral_radius(
+    def radius(
         state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], which: int, centre: f64, enough: f64, most: f64
     ) -> f64:
         """The same, with estimates of the norms: the mean of |E z|^2 over vectors z of random signs is the norm's square."""
@@ -176,7 +192,7 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
             bound = wp.min(bound, wp.pow(total / f64(wp.static(PROBES)), f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(wp.static(UNLIKE)))
 
-    return SimpleNamespace(aim=aim, spectral_radius=spectral_radius)
+    return SimpleNamespace(aim=aim, divide=divide, radius=radius)
 
 
 @cache
@@ -191,25 +207,29 @@ def make_told() -> SimpleNamespace:
             total += state.direction[t, i, 0] * state.direction[t, i, 0]
         return wp.sqrt(total)
 
+    @wp.func
+    def divide(state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64]):
+        """Nothing: that was done."""
+
     @wp.func(inline=False)
-    def spectral_radius(
+    def radius(
         state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64], which: int, centre: f64, enough: f64, most: f64
     ) -> f64:
         """The bound on the distance from ``centre``, 1 in the first test of the matrix ``which``."""
         return state.told[t, 2 * which + wp.where(centre == f64(1.0), 0, 1)]
 
-    return SimpleNamespace(aim=aim, spectral_radius=spectral_radius)
+    return SimpleNamespace(aim=aim, divide=divide, radius=radius)
 
 
 @cache
 def make_iteration(block: int = 0, border: int = 0, told: bool = False) -> SimpleNamespace:
-    """``iterate``, from one integration to the next, ``spectral_radius``, how unlike two ``Gamma`` are, and ``aim``, the step.
+    """``iterate``, from one integration to the next, ``divide`` and ``radius``, how unlike two ``Gamma`` are, and ``aim``.
 
     ``aim`` is the Newton step. Gamma is dense, or, with a ``border``, an arrow of blocks of at most ``block`` rows, or what it
     leads to is ``told``. The number of unknowns is that of the arrays.
     """
     linear = make_told() if told else make_arrow(block, border) if border else make_dense()
-    aim, spectral_radius = linear.aim, linear.spectral_radius
+    aim, divide, radius = linear.aim, linear.divide, linear.radius
 
     @wp.func
     def iterate(state: wp.ref[NewtonState], t: int, line_search: int, max_contraction: f64) -> int:
@@ -236,7 +256,8 @@ def make_iteration(block: int = 0, border: int = 0, told: bool = False) -> Simpl
             if size <= state.tolerance[t]:
                 status = int(wp.static(int(Status.CONVERGED)))
                 if state.has_reference[t] != 0:
-                    state.change[t] = spectral_radius(
+                    divide(state, t, state.reference)
+                    state.change[t] = radius(
                         state, t, state.reference, 0, f64(1.0), f64(wp.static(LARGE_CHANGE)), f64(wp.static(CHANGE_POWERS))
                     )
             else:
@@ -280,7 +301,7 @@ def make_iteration(block: int = 0, border: int = 0, told: bool = False) -> Simpl
                 state.unknowns[t, i] = state.accepted[t, i] + damping * state.step[t, i]
         return status
 
-    return SimpleNamespace(iterate=iterate, spectral_radius=spectral_radius, aim=aim)
+    return SimpleNamespace(iterate=iterate, divide=divide, radius=radius, aim=aim)
 
 
 @wp.struct
