@@ -127,3 +127,36 @@ def test_what_a_fixed_body_cannot_be():
         mr.Network(rods={"rod": ROD}, bodies=[plate, unused], joints=joints)
     with pytest.raises(ValueError, match="end_effector = 'hand' is not allowed: must be a body that moves, or a rod"):
         mr.Network(rods={"rod": ROD}, bodies=[unused], joints=[joints[0], mr.Joint("rod", "tip", to=unused)], end_effector="hand")
+
+
+def test_a_robot_stands_on_a_base_that_moves(difference):
+    """What stands on a fixed body in the place of the ground is carried by inputs as by ``base``; by nearly a turn too."""
+    hand = mr.Body("hand", pose=np.eye(4), fixed=True)
+    leg = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015)
+    places = np.array([at(0.04 * np.cos(a), 0.04 * np.sin(a)) for a in (0, 2, 4)])
+    tripod = mr.ParallelRods(legs=[leg] * 3, base=places, platform=places, platform_mass=0.01)
+    moving, still = mr.stacked(tripod, tripod, to=hand), mr.stacked(tripod, tripod)
+    assert moving.fixed_bodies == ("hand",)
+    assert moving.load_places == still.load_places
+    given = {"force": {"upper": (0.02, 0.01, -0.05)}, "gravity": (0, 0, -9.81)}
+    for move, turn in (((0.1, -0.2, 0.05), (0.3, -0.2, 0.4)), ((0, 0, 0), (0, 5.5, 1.0))):
+        inputs = moving.inputs(fixed_position=move, fixed_rotation=turn, **given)
+        found = mr.solve(moving, inputs, solver=SOLVER).raise_if_failed()
+        pose = at(*move)
+        pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+        there = still.with_base(pose)
+        expected = mr.solve(there, there.inputs(**given), solver=SOLVER).raise_if_failed()
+        np.testing.assert_allclose(found.tip_position, expected.tip_position, atol=1e-10)
+        np.testing.assert_allclose(found.tip_rotation, expected.tip_rotation, atol=1e-9)
+
+    def turned(t):
+        inputs = moving.inputs(fixed_rotation=np.multiply.outer(1.0, turn) + t * np.eye(3)[1], **given)
+        return mr.solve(moving, inputs, solver=SOLVER, guess=found).tip_position
+
+    columns = found.jacobian("fixed_rotation")[:3]
+    np.testing.assert_allclose(columns[:, 1], difference(turned, 1e-2), atol=1e-7)
+    beside = mr.Rod(length=0.1, bending_stiffness=0.01, torsional_stiffness=0.008)
+    discs = mr.multibackbone(beside, [beside], offsets=[(0.004, 0)], discs=2, to=hand)
+    assert [joint.to.name for joint in discs.joints if joint.end == "base"] == ["hand", "disc 1", "hand"]
+    with pytest.raises(ValueError, match="stacked.to = .* must be mr.ground, or a fixed body"):
+        mr.stacked(tripod, to=mr.Body("hand"))

@@ -9,6 +9,7 @@ from test_sliding import GIVEN as SLIDING
 from test_sliding import threaded
 
 import multirod as mr
+from multirod.models.backbone.equal_steps import step_counts
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.rotations import vectors
 
@@ -121,6 +122,21 @@ def test_there_is_a_potential_while_the_network_is_put_together():
     form = NetworkConjugates(problem, turns_alone=True).reduced(problem).form[0]
     # what rods give way by along themselves on the way, a hundredth of L^3/EI, leaves 0.0024; with the gap in (7) it is 0.14
     np.testing.assert_allclose(form, form.T, rtol=0, atol=0.005 * np.abs(form).max())
+
+
+def test_equal_steps_are_counted_by_the_rod_that_is_bent_the_most():
+    """Of all builds of rods, however many each has: twenty a radian."""
+    own = {"length": 0.3, "bending_stiffness": 0.1, "torsional_stiffness": 0.1}
+    ring = mr.Rod(**own, precurvature=(50, 0, 0), lines=[mr.Tendon((0.004, 0))])
+    body = mr.Body("body")
+    joints = [mr.Joint(name, "base", to=mr.ground) for name in ("one", "two")]
+    joints += [mr.Joint(name, "tip", to=body) for name in ("one", "two")] + [mr.Joint("ring", "base", to=body)]
+    straight = mr.Rod(**own)
+    robot = mr.Network(rods={"one": straight, "two": straight, "ring": ring}, bodies=[body], joints=joints)
+    problem = robot.problem(robot.inputs(force=np.zeros((2, 6))), integrator=mr.RK45())
+    assert len(problem.groups) == 2
+    np.testing.assert_array_equal(step_counts([group.backbones for group in problem.groups], 2), 300)
+    assert [own.tolist() for own in problem.parts.kinds(np.arange(2))] == [[0, 1]]
 
 
 # ---- the robots that networks make anew ----

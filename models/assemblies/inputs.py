@@ -125,8 +125,10 @@ class NetworkInputs(Fields, total=False):
     translation: ByName
     """How far rods are pushed out of their bases [m]: by name, or shape (..., rod_count)."""
     angle: ByName
-    """Where joints are driven: their coordinates [rad], by name, or shape (..., coordinate_count), in the order of
+    """Where joints are driven: their angles [rad], by name, or shape (..., coordinate_count), in the order of
     ``driven_joints``."""
+    slide: ByName
+    """Where joints are driven: how far ends slide along their axes [m], by name, or shape (..., coordinate_count), likewise."""
     fixed_position: ByName
     """How far fixed bodies are moved from their poses, world frame [m]: by name, or shape (..., body_count, 3)."""
     fixed_rotation: ByName
@@ -165,6 +167,8 @@ class KnownInputs(InverseParallelRodsInputs, total=False):
     """Those of all robots: which of them a tracker's robot takes, editors that read no types do not know."""
 
     angle: ByName
+    """As for ``Network``."""
+    slide: ByName
     """As for ``Network``."""
     fixed_position: ByName
     """As for ``Network``."""
@@ -220,6 +224,7 @@ NetworkInput: TypeAlias = Literal[
     "rotation",
     "translation",
     "angle",
+    "slide",
     "fixed_position",
     "fixed_rotation",
     "force",

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from multirod.models.assemblies.network import Network
-from multirod.models.network.joining.bodies import Body, Ground, ground
+from multirod.models.network.joining.bodies import Body, Ground, ground, standing
 from multirod.models.network.joining.joints import HOLES, Joint
 from multirod.models.network.joining.sliding import piece, uniform
 from multirod.rod import Rod
@@ -21,6 +21,7 @@ def multibackbone(
     discs: int,
     hole: str = "cylindrical",
     disc_mass: float = 0.0,
+    to: Body | Ground = ground,
     base: Numbers | None = None,
 ) -> Network:
     """A backbone that is clamped to discs, and rods beside it that slide through holes of these and are pushed at their bases.
@@ -37,6 +38,7 @@ def multibackbone(
         hole: How rods turn in the holes of all discs but the last: ``"cylindrical"``, ``"prismatic"`` or ``"spherical"``, as of
             ``Joint``.
         disc_mass: Of each disc [kg].
+        to: What it stands on: ``mr.ground``, or a fixed body, which inputs move.
         base: Pose of the ground in the world, shape (..., 4, 4); the identity by default.
 
     Returns:
@@ -66,16 +68,16 @@ def multibackbone(
     short = piece(backbone, count)
     parts = {f"backbone {k + 1}": short for k in range(count)} | {f"rod {i}": rod for i, rod in enumerate(rods)}
     joints: list[Joint] = []
-    below: Body | Ground = ground
+    below = standing("multibackbone.to", to)
     for k, plate in enumerate(plates):
         joints += [Joint(f"backbone {k + 1}", "base", to=below), Joint(f"backbone {k + 1}", "tip", to=plate)]
         below = plate
     length = float(np.min(backbone.length))
     for i, pose in enumerate(at):
-        joints += [Joint(f"rod {i}", "base", to=ground, pose=pose), Joint(f"rod {i}", "tip", to=plates[-1], pose=pose)]
+        joints += [Joint(f"rod {i}", "base", to=to, pose=pose), Joint(f"rod {i}", "tip", to=plates[-1], pose=pose)]
         for k, plate in enumerate(plates[:-1]):
             joints.append(Joint(f"rod {i}", "along", at=length * (k + 1) / count, to=plate, pose=pose, kind=kind))  # type: ignore[arg-type]  # one of them
-    return Network(rods=parts, bodies=plates, joints=joints, base=base)
+    return Network(rods=parts, bodies=[to, *plates] if isinstance(to, Body) else plates, joints=joints, base=base)
 
 
 def _offsets(given: Numbers, count: int) -> FloatArray:

@@ -15,7 +15,7 @@ from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
 from multirod.models.assemblies.network_inputs import (
-    ANGLE,
+    DRIVEN_INPUTS,
     FIXED_INPUTS,
     INPUTS,
     LOAD_INPUTS,
@@ -39,7 +39,7 @@ from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of
 from multirod.models.network.joining.checks import holes_by_rod, joints_by_end
 from multirod.models.network.joining.joints import Joint
-from multirod.models.network.places import FIXED, LOADED, PER_ROD
+from multirod.models.network.places import DRIVEN, FIXED, LOADED, PER_ROD
 from multirod.models.network.problem import NetworkProblem
 from multirod.reuse import reusable
 from multirod.rod import Rod
@@ -60,8 +60,9 @@ class Network(Assembly):
             that slides through holes is the same all along, and has no lines.
         bodies: The bodies, those that move and those that are fixed.
         joints: One for every base of a rod, and one for every tip that is not free.
-        end_effector: A body that moves, or the name of a rod, whose tip it is; by default the last such body, or where there is
-            none, the first rod whose tip is free, or else the first.
+        end_effector: A body that moves, or with the name of one of its ``frames``, ``("top", "tool")``; or the name of a rod,
+            whose tip it is; by default the last such body, or where there is none, the first rod whose tip is free, or else the
+            first.
         base: Pose of the ground in the world, shape (..., 4, 4); the identity by default.
 
     Attributes:
@@ -84,7 +85,7 @@ class Network(Assembly):
         rods: Mapping[str, Rod | ConcentricTubes],
         bodies: Sequence[Body] = (),
         joints: Sequence[Joint],
-        end_effector: Body | str | None = None,
+        end_effector: Body | str | tuple[Body | str, str] | None = None,
         base: Numbers | None = None,
     ) -> None:
         kinds = (Rod, ConcentricTubes)
@@ -112,15 +113,23 @@ class Network(Assembly):
         self._places = [*(body.name for body in self.graph.bodies), *rods]  # that may be the end effector
         self._end_effector = self._place_of_effector(end_effector)
         count = 3 * len(self.load_places)
-        driven = sum(self.graph.driven.values())
-        angle = (replace(ANGLE, count=driven),) if driven else ()
+        driven = tuple(replace(spec, count=len(own)) for spec in DRIVEN_INPUTS if (own := self.driven_names[spec.name]))
         fixed = tuple(replace(spec, count=3 * len(self.fixed_bodies)) for spec in FIXED_INPUTS) if self.fixed_bodies else ()
         on_rods = (replace(spec, count=3 * len(rods)) for spec in ROD_INPUTS)
         loads = (*(replace(spec, count=count) for spec in LOAD_INPUTS), *on_rods)
-        self._specs = InputSpecs((*INPUTS[:2], *angle, *fixed, *loads, *INPUTS[2:], *drive_specs(self.rods)))
+        self._specs = InputSpecs((*INPUTS[:2], *driven, *fixed, *loads, *INPUTS[2:], *drive_specs(self.rods)))
 
     def _place_of_effector(self, given: object) -> int:
         """Its number among the bodies that move, then the rods."""
+        self._frame = ""
+        if isinstance(given, (tuple, list)) and len(given) == 2:
+            given, frame = given
+            names = [body.name for body in self.graph.bodies]
+            name = given.name if isinstance(given, Body) else given
+            if name not in names:
+                refuse("Network.end_effector", given, f"must be a body that moves, of which a frame is meant: {names}")
+            self.graph.bodies[names.index(name)].frame(frame)
+            self._frame = frame
         if given is None:
             bodies = len(self.graph.bodies)
             return bodies - 1 if bodies else self._places.index((*self.load_places, *self._places)[0])
@@ -130,15 +139,26 @@ class Network(Assembly):
         return self._places.index(str(name))
 
     @property
-    def end_effector(self) -> str:
-        """Name of the body that is the end effector, or of the rod whose tip is."""
-        return self._places[self._end_effector]
+    def end_effector(self) -> str | tuple[str, str]:
+        """Name of the body that is the end effector, with that of its frame if that is meant, or of the rod whose tip is."""
+        name = self._places[self._end_effector]
+        return (name, self._frame) if self._frame else name
+
+    @property
+    def effector_name(self) -> str:
+        """The same in words."""
+        return f"{self._frame} of {self._places[self._end_effector]}" if self._frame else self._places[self._end_effector]
+
+    @property
+    def effector_frame(self) -> FloatArray:
+        """Pose of the end effector in the frame of what it is on, shape (4, 4): the identity but of a body's frame."""
+        return self.graph.bodies[self._end_effector].frame(self._frame) if self._frame else np.eye(4)
 
     @property
     def driven_joints(self) -> tuple[str, ...]:
         """Names of the joints that are driven, ``"arm base"`` of that at the base of the rod ``"arm"``, in the order of the
-        numbers of ``angle``."""
-        return tuple(self.graph.driven)
+        numbers of ``angle``, then those that only slide, in that of ``slide``."""
+        return tuple(dict.fromkeys([*self.graph.driven, *self.graph.driven_slides]))
 
     def vectors_on(self, spec: InputSpec) -> tuple[str, ...]:
         """Names of what the vectors of an input act on, bodies and free tips or rods, in their order; none of one that is no
@@ -150,9 +170,10 @@ class Network(Assembly):
         return {"tip": self.load_places, "along": self.graph.whole_names}.get(spec.acts, ())
 
     @property
-    def angle_names(self) -> tuple[str, ...]:
-        """Of the numbers of ``angle``: ``driven_joints``, with the number of the coordinate where a joint has several."""
-        return tuple(f"{name} {k}" if count > 1 else name for name, count in self.graph.driven.items() for k in range(count))
+    def driven_names(self) -> dict[str, tuple[str, ...]]:
+        """Of the numbers of ``angle`` and of ``slide`` the joint, with the number of the angle where it has several."""
+        angles = tuple(f"{name} {k}" if count > 1 else name for name, count in self.graph.driven.items() for k in range(count))
+        return {"angle": angles, "slide": tuple(self.graph.driven_slides)}
 
     def tubes_of(self, name: str) -> range:
         """Where a rod as given, by its name, stands among ``rods``: one number, or one for each of its tubes."""
@@ -171,7 +192,7 @@ class Network(Assembly):
     if TYPE_CHECKING:
         _input_name: NetworkInput
 
-    @listed(*INPUTS[:2], ANGLE, *FIXED_INPUTS, *LOAD_INPUTS, *ROD_INPUTS, *INPUTS[2:], *DRIVE_INPUTS)
+    @listed(*INPUTS[:2], *DRIVEN_INPUTS, *FIXED_INPUTS, *LOAD_INPUTS, *ROD_INPUTS, *INPUTS[2:], *DRIVE_INPUTS)
     def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
@@ -179,7 +200,8 @@ class Network(Assembly):
         what drives lines, ``tension={"arm": (1, 0)}``; ``force`` and ``moment``, dead or following, by those of ``load_places``,
         ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3), and what acts along single rods,
         ``rod_force={"leg 0": (0.1, 0, 0)}``, (..., count of rods as given, 3). Where joints are driven, ``angle`` is
-        taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each; where bodies are fixed,
+        taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each, and so is ``slide``, one
+        number each; where bodies are fixed,
         ``fixed_position={"hand": (0, 0, 0.1)}`` by those of ``fixed_bodies``. What is not named is zero. A leading axis makes a
         batch, an instance for each entry.
 
@@ -202,9 +224,10 @@ class Network(Assembly):
 
     @property
     def end_loads(self) -> dict[str, slice]:  # noqa: D102
-        if self.end_effector not in self.load_places:  # a tip that something holds
+        name = self._places[self._end_effector]
+        if name not in self.load_places:  # a tip that something holds
             return {}
-        first = 3 * self.load_places.index(self.end_effector)
+        first = 3 * self.load_places.index(name)
         return dict.fromkeys(LOADED, slice(first, first + 3))
 
     def make_inputs(self, values: Mapping[str, Any]) -> Inputs:  # noqa: D102
@@ -220,16 +243,13 @@ class Network(Assembly):
                 if name in FIXED and not own:
                     refuse(name, plain[name], "must not be given: no body is fixed, mr.Body(..., fixed=True)")
                 plain[name] = in_order(name, plain[name], own)
-        if "angle" in plain:
-            plain["angle"] = self._angles(plain["angle"])
+        for name, driven in zip(DRIVEN, (graph.driven, graph.driven_slides), strict=True):
+            if name in plain:
+                if not driven:
+                    kind = "joint" if name == "angle" else "joint that slides"
+                    refuse(name, plain[name], f"must not be given: no {kind} is driven, mr.Joint(..., driven=True)")
+                plain[name] = by_name(name, plain[name], driven) if isinstance(plain[name], Mapping) else plain[name]
         return super().make_inputs(plain)
-
-    def _angles(self, value: object) -> object:
-        """Angles by the names of joints as an array (..., k); an array of them as it is."""
-        driven = self.graph.driven
-        if not driven:
-            refuse("angle", value, "must not be given: no joint is driven, mr.Joint(..., driven=True)")
-        return by_name("angle", value, driven) if isinstance(value, Mapping) else value
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if not (inputs.batch_shape == () and self.surely_takes("translation", inputs.translation.tolist())):
@@ -269,6 +289,8 @@ class Network(Assembly):
         """Directions for the derivatives by some inputs and parameters: the numbers of different rods share one."""
         for _, rod, _ in self._each():
             refuse_unknown(names, rod.rods)
+        if "length" in names and self.graph.slides.springs[0].any():
+            raise NotImplementedError("derivatives by length are not known where springs are at holes: rests are lengths too")
         sizes = {spec.name: spec.size(self.rod_count) for spec in self.input_specs}
         options = {"direction_count": sum(columns.size for columns in columns_of(self.graph, sizes, names))}
         options |= {"design": True} if any(name in COMPONENTS for name in names) else {}
@@ -285,7 +307,7 @@ class Network(Assembly):
         if instances is not None:
             whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
             graph, inputs = graph.take(whole, instances), inputs.take(whole, instances)
-        return NetworkProblem(graph, self._end_effector, inputs, **options)
+        return NetworkProblem(graph, self._end_effector, inputs, effector_frame=self.effector_frame, **options)
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         active = along(inputs, enabled)
@@ -310,6 +332,23 @@ class Network(Assembly):
         result.base = pose("Network.base", base)
         result.graph = Graph(own.whole, own.whole_names, self.bodies, own.joints, result.base, own.holes, self.joints)
         return result
+
+    @property
+    def load_arm(self) -> FloatArray:  # noqa: D102
+        return -self.effector_frame[:3, :3].T @ self.effector_frame[:3, 3]
+
+    def frame_of(self, body: Body | str | tuple[Body | str, str]) -> tuple[int, FloatArray]:
+        """Number of a body, as of ``body_index``, and the pose of one of its frames in its own, shape (4, 4).
+
+        Args:
+            body: The body, whose own frame is meant, or with the name of one of its ``frames``.
+
+        Raises:
+            ValueError: If there is no such body or frame.
+        """
+        whole, frame = body if isinstance(body, tuple) and len(body) == 2 else (body, None)
+        index = self.body_index(whole)
+        return index, np.eye(4) if frame is None else (*self.graph.bodies, *self.graph.fixed)[index].frame(frame)
 
     def body_index(self, body: Body | str) -> int:
         """Number of a body, among those that move, then those that are fixed.

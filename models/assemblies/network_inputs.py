@@ -71,7 +71,10 @@ FIXED_INPUTS = (
         description="rotation vector by which each fixed body is turned from its pose, world frame",
     ),
 )
-ANGLE = InputSpec(name="angle", unit="rad", count=0, description="coordinates of the joints that are driven, from their poses")
+DRIVEN_INPUTS = (
+    InputSpec(name="angle", unit="rad", count=0, description="angles of the joints that are driven, from their poses"),
+    InputSpec(name="slide", unit="m", count=0, description="how far ends slide in the joints that are driven, from poses"),
+)
 
 
 def in_order(name: str, value: object, sizes: Mapping[str, int]) -> object:

@@ -6,7 +6,7 @@ from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.joint_kernels import JOINTS
-from multirod.models.network.joining.bodies import Body, Ground, ground
+from multirod.models.network.joining.bodies import Body, Ground, ground, standing
 from multirod.models.network.joining.joints import Joint
 from multirod.rod import Rod
 from multirod.types import Numbers
@@ -16,7 +16,11 @@ PAIR = ("lower", "upper")
 
 
 def stacked(
-    *robots: ParallelRods, names: Sequence[str] | None = None, end_effector: str | None = None, base: Numbers | None = None
+    *robots: ParallelRods,
+    names: Sequence[str] | None = None,
+    end_effector: str | None = None,
+    to: Body | Ground = ground,
+    base: Numbers | None = None,
 ) -> Network:
     """Parallel robots on top of each other: the legs of each stand on the platform of the one before.
 
@@ -28,6 +32,7 @@ def stacked(
         names: Of their platforms, as many; ``"lower"`` and ``"upper"`` by default, of more or less than two ``"level 1"``,
             ``"level 2"``, ...
         end_effector: Name of a platform; the last by default.
+        to: What the first stands on: ``mr.ground``, or a fixed body, which inputs move.
         base: Pose of the ground in the world, shape (..., 4, 4); the identity by default.
 
     Returns:
@@ -49,7 +54,9 @@ def stacked(
     rods: dict[str, Rod | ConcentricTubes] = {}
     bodies: list[Body] = []
     joints: list[Joint] = []
-    below: Body | Ground = ground
+    below = standing("stacked.to", to)
+    if isinstance(below, Body):
+        bodies.append(below)
     for name, robot in zip(called, robots, strict=True):
         geometry = robot.geometry
         platform = Body(name, mass=geometry.mass, mass_centre=geometry.mass_centre if geometry.mass else (0.0, 0.0, 0.0))

@@ -22,9 +22,10 @@ PER_RADIAN = 20  # by which it is bent at rest
 MOST_STEPS = 1024
 
 
-def step_counts(backbones: "Iterable[BackboneProblem]") -> IntArray:
-    """How many equal steps each instance needs, by its rod that is bent the most at rest, shape (instance_count,)."""
-    bent = np.max([own.curvature_scale() * own.each(own.arrays.end[:, 0, -1]) for own in backbones], axis=0)
+def step_counts(backbones: "Iterable[BackboneProblem]", count: int) -> IntArray:
+    """How many equal steps each of ``count`` instances needs, by its rod that is bent the most at rest, shape (count,)."""
+    every = [own.curvature_scale() * own.each(own.arrays.end[:, 0, -1]) for own in backbones]
+    bent = np.max([own.reshape(count, -1).max(axis=1) for own in every], axis=0)
     return np.asarray(np.clip(np.ceil(PER_RADIAN * bent), STEPS, MOST_STEPS).astype(np.intp))
 
 
@@ -57,10 +58,10 @@ class PartsAtEqualSteps(Parts, Generic[P]):
         self.problem, self._integrator, self._backbones = problem, integrator, backbones
 
     def _at_equal_steps(self, instances: IntArray) -> Integrator | None:
-        return at_equal_steps(self._integrator, int(step_counts(self._backbones)[instances].max()))
+        return at_equal_steps(self._integrator, int(step_counts(self._backbones, self.problem.instance_count)[instances].max()))
 
     def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102
-        return split(instances, step_counts(self._backbones)[instances])
+        return split(instances, step_counts(self._backbones, self.problem.instance_count)[instances])
 
     @abstractmethod
     def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> P:

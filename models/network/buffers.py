@@ -27,6 +27,8 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     own.height = layout.size + records.MORE + max(map(len, graph.drives)) + max(rod.rod_count for rod in graph.rods) - 1
     own.effector = problem.end_effector + 1 if problem.effector_rod is None else 0
     own.effector_rod = -1 if problem.effector_rod is None else problem.effector_rod
+    frame = problem.effector_frame
+    own.effector_position, own.effector_rotation = wp.vec3d(*frame[:3, 3]), wp.mat33d(*frame[:3, :3].reshape(-1))
     names = ("order", "active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual")
     problem.share(own, (*names, "residual_directions", "position", "rotation", "pose_columns"))
     own.numbers = problem._field("gamma", (entries.count,))
@@ -53,7 +55,8 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     own.count = array([table.count for table in tables], wp.int32)
     own.inner, own.outer = (array([getattr(table, name) for table in tables], wp.mat33d) for name in ("inner", "outer"))
     own.spring, own.rest = (array([getattr(table, name) for table in tables], wp.vec3d) for name in ("stiffness", "rest"))
-    first = problem.input_slice("angle").start if graph.driven else 0
+    own.slide = array([table.slide for table in tables], wp.mat33d)
+    first = problem.driven_place.start
     own.driven = array([np.where(at < 0, -1, first + at) for at in graph.driven_at], wp.int32)
     own.variable = array(entries.variables, wp.int32)
     places = np.full(rods, -1)
@@ -65,6 +68,8 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     own.whole = array(slides.owner, wp.int32)
     own.share, own.shared = array(slides.share), array(slides.shared, wp.int32)
     sections = [arrays.repeated(problem.batch_shape) for arrays in graph.arrays]
+    own.hole_spring, own.hole_rest = (array(values) for values in slides.springs)
+    own.below = array(slides.below)
     own.softness = array(np.stack([a.material[:, 0, 0, 3:9] for a in sections], axis=1))
     own.at_rest = array(np.stack([a.precurvature[:, 0, 0, :3] for a in sections], axis=1), wp.vec3d)
     own.reference_position, own.reference_rotation = (

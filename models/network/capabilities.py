@@ -40,6 +40,7 @@ class NetworkParts(PartsAtEqualSteps["NetworkProblem"]):
             whole.inputs_given.take(whole.batch_shape, instances),
             integrator=integrator,
             pieces=pieces,
+            effector_frame=whole.effector_frame,
             **{**whole.options, **({"pose_sensitivities": True} if poses else {})},
         )
         result.stop = whole.stop
@@ -98,7 +99,20 @@ class NetworkShapes(Shapes):
         """Energy of the springs in the joints [J], shape (instance_count,)."""
         tables = [end.table for end in self.problem.graph.ends]
         parts = [0.5 * (t.stiffness * (a - t.rest) ** 2).sum(axis=(1, 2)) for t, a in zip(tables, angles, strict=True)]
-        return np.asarray(parts[0] + parts[1])
+        return np.asarray(parts[0] + parts[1] + self.of_holes())
+
+    def of_holes(self) -> FloatArray:
+        """(37) Energy of the springs at holes [J], shape (instance_count,)."""
+        problem, slides = self.problem, self.problem.graph.slides
+        stiffness, rest = slides.springs
+        total, unknowns = np.zeros(problem.instance_count), problem.read("unknowns")
+        given = problem.read("inputs")[:, problem.input_slice("translation")]
+        for piece in np.flatnonzero(stiffness).tolist():
+            L, pushed = problem.length[:, piece], given[:, problem.graph.first_tube[slides.owner[piece]]]
+            place = slides.below[piece] * (slides.pieces[piece] * L + pushed)
+            place += L**2 * unknowns[:, problem.first_hole + slides.upper[piece]]
+            total += 0.5 * stiffness[piece] * (place - pushed - rest[piece]) ** 2
+        return total
 
 
 def _joined(pieces: list[dict[int, dict[str, FloatArray]]], node_count: int) -> Shape:

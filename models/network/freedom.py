@@ -61,11 +61,13 @@ def refuse_mechanism(graph: Graph) -> None:
                 free.append(np.eye(SIX))
                 continue
             frame = rotation[holder] @ arm[rod, :3, :3]
-            place = position[holder] + rotation[holder] @ arm[rod, :3, 3] / size
             loose = (own.table.stiffness[rod, :count] == 0) & ~own.table.driven[rod]
             angles = rng.standard_normal((1, len(graph.names), 3)) * (np.arange(3) < own.table.count[:, None])
-            axes = (frame @ own.table.at(angles).axes[0, rod])[:, :count][:, loose].T
-            free.append(np.concatenate([cross(axes, np.broadcast_to(-place, axes.shape)), axes], axis=1))
+            turns = own.table.at(angles)
+            place = position[holder] + rotation[holder] @ (arm[rod, :3, 3] / size + arm[rod, :3, :3] @ turns.moved[0, rod])
+            axes, along = ((frame @ values)[:, :count][:, loose].T for values in (turns.axes[0, rod], turns.slides[rod]))
+            along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)  # (36)
+            free.append(np.concatenate([cross(axes, np.broadcast_to(-place, axes.shape)) + along, axes], axis=1))
         held = graph.ends[1].held[pieces[-1]]
         turning = len(free[0])
         conditions = np.zeros((len(free[0]) + len(free[1]), SIX * len(pieces)))

@@ -38,7 +38,14 @@ class Ends:
         table: The joints there.
     """
 
-    def __init__(self, joints: "list[Joint | None]", numbers: Sequence[int], moving: Sequence[str], fixed: Sequence[str]) -> None:
+    def __init__(
+        self,
+        joints: "list[Joint | None]",
+        lengths: Sequence[float],
+        numbers: Sequence[int],
+        moving: Sequence[str],
+        fixed: Sequence[str],
+    ) -> None:
         frames = {name: k for k, name in enumerate((Ground.name, *moving, *fixed))}
         self.stand: NDArray[np.intp] = np.array([FREE if joint is None else frames[joint.to.name] for joint in joints])
         self.frame: NDArray[np.intp] = np.where(self.stand > len(moving), GROUND, self.stand)
@@ -46,7 +53,7 @@ class Ends:
         poses = [np.eye(4) if joint is None else joint.pose for joint in joints]
         shape = np.broadcast_shapes(*(pose.shape[:-2] for pose in poses))
         self.pose: FloatArray = np.stack([np.broadcast_to(pose, (*shape, 4, 4)) for pose in poses], axis=-3)
-        self.table = JointTable(joints)
+        self.table = JointTable(joints, lengths)
 
     @property
     def held(self) -> NDArray[np.bool_]:
@@ -82,9 +89,10 @@ class Graph:
         bodies, fixed: Those that move, and those that are fixed.
         mass, mass_centre: Of the bodies, shapes (body_count,), (body_count, 3).
         free: Rods whose tips nothing holds, by their numbers.
-        driven: Names of the joints whose angles are inputs, ``"arm base"``, and how many coordinates each has, rod by rod.
-        driven_at: Which of these coordinates those of the joints at bases, then at tips are, -1 of those that are no inputs, each
-            of shape (rod_count, 3).
+        driven: Names of the joints whose angles are inputs, ``"arm base"``, and how many each has, rod by rod.
+        driven_slides: Likewise of those for which it is an input how far they slide.
+        driven_at: Which of all these coordinates, angles first, those of the joints at bases, then at tips are, -1 of those that
+            are no inputs, each of shape (rod_count, 3).
         batch_shape: Leading axes of all of it.
     """
 
@@ -120,9 +128,11 @@ class Graph:
         self.drive = _places_of(self.drives)
         self.layout = Layout(int(self.own.max()), self.slides.count > 0)
         moving, fixed = ([body.name for body in own] for own in (self.bodies, self.fixed))
+        lengths = [float(np.min(rod.rods[0].length)) for rod in self.rods]
         self.ends = tuple(
             Ends(
                 [self._joint(k, end) for k in range(len(self.rods))],
+                lengths,
                 [self._number(k, end) for k in range(len(self.rods))],
                 moving,
                 fixed,
@@ -133,13 +143,17 @@ class Graph:
         self.mass_centre = np.array([body.mass_centre for body in self.bodies]).reshape(-1, 3)
         self.free: NDArray[np.intp] = np.flatnonzero(~self.ends[1].held)
         self.driven: dict[str, int] = {}
+        self.driven_slides: dict[str, int] = {}
         self.driven_at = tuple(np.full((len(self.rods), MOST), -1, dtype=np.intp) for _ in ENDS)
-        for rod in range(len(self.rods)):
-            for end, own, at in zip(ENDS, self.ends, self.driven_at, strict=True):
-                if own.table.driven[rod]:
-                    first, count = sum(self.driven.values()), int(own.table.count[rod])
-                    at[rod, :count] = range(first, first + count)
-                    self.driven[f"{self.whole_names[self.slides.owner[rod]]} {end}"] = count
+        for sliding, driven in ((False, self.driven), (True, self.driven_slides)):
+            for rod in range(len(self.rods)):
+                for end, own, at in zip(ENDS, self.ends, self.driven_at, strict=True):
+                    which = np.flatnonzero(own.table.slides[rod] == sliding)
+                    which = which[which < own.table.count[rod]]
+                    if own.table.driven[rod] and len(which):
+                        first = sum(self.driven.values()) + sum(self.driven_slides.values())
+                        at[rod, which] = first + np.arange(len(which))
+                        driven[f"{self.whole_names[self.slides.owner[rod]]} {end}"] = len(which)
         shapes = [own.batch_shape for own in self.arrays]
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-2], *(end.pose.shape[:-3] for end in self.ends))
 
@@ -157,6 +171,11 @@ class Graph:
     def load_places(self) -> tuple[str, ...]:
         """Names of what forces act on: the bodies, then the rods whose tips nothing holds."""
         return (*(body.name for body in self.bodies), *(self.whole_names[self.slides.owner[k]] for k in self.free))
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether any joint is."""
+        return bool(self.driven or self.driven_slides)
 
     @property
     def turning_bases(self) -> NDArray[np.bool_]:

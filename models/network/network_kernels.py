@@ -9,7 +9,7 @@ of the arrays: one kernel each serves all networks.
 
 import warp as wp
 
-from multirod.models.joint_kernels import vector
+from multirod.models.joint_kernels import column_of, vector
 from multirod.models.network.elements.end_kernels import along, end_at, extension, level_of
 from multirod.models.network.elements.records import ALONG_VECTORS, POSE, ROD_VECTORS, TIP_POSE_AT, TURNING, Networks, RodGroup
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
@@ -147,8 +147,9 @@ def add_up_pose(net: wp.ref[Networks], b: int):
     """(4), (6) Pose of the end effector, and its columns."""
     rod = net.effector_rod
     if rod < 0:
-        net.position[b] = net.body_position[b, net.effector]
-        net.rotation[b] = net.body_rotation[b, net.effector]
+        R = net.body_rotation[b, net.effector]
+        net.position[b] = net.body_position[b, net.effector] + R * net.effector_position
+        net.rotation[b] = R * net.effector_rotation
     else:
         net.position[b] = net.tip_position[b, rod]
         net.rotation[b] = net.tip_rotation[b, rod]
@@ -158,9 +159,12 @@ def add_up_pose(net: wp.ref[Networks], b: int):
         body = net.effector - 1
         L = net.length[b, net.rod_count + body]
         at = net.first_pose + wp.static(POSE) * body
+        arm = net.body_rotation[b, net.effector] * net.effector_position
         for k in range(3):
+            moved = wp.cross(column_of(net.body_turns[b, body + 1], k), arm)
             for i in range(3):
                 net.pose_columns[b, i, at + k] = (L * L) * net.reference_rotation[b, body][i, k]
+                net.pose_columns[b, i, at + 3 + k] = moved[i]
                 net.pose_columns[b, 3 + i, at + 3 + k] = net.body_turns[b, body + 1][i, k]
         return
     for i in range(6):

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from multirod.models.network.graph import Graph
 
 PER_ROD = ("rotation", "translation")
+DRIVEN = ("angle", "slide")  # coordinates of joints, one after the other
 FIXED = ("fixed_position", "fixed_rotation")  # of bodies that are held
 LOADED = ("force", "moment")  # of bodies and tips
 FOLLOWING = ("follower_force", "follower_moment")  # of the same, in their frames
@@ -22,13 +23,19 @@ FOLLOWING = ("follower_force", "follower_moment")  # of the same, in their frame
 def input_places(graph: "Graph") -> dict[str, slice]:
     """Where each input stands in a row; those before ``LOADED`` are no loads, and what drives lines is last."""
     sizes = dict.fromkeys(PER_ROD, int(graph.first_tube[-1]))
-    sizes |= {"angle": sum(graph.driven.values())} if graph.driven else {}
+    sizes |= {name: sum(own.values()) for name, own in zip(DRIVEN, (graph.driven, graph.driven_slides), strict=True) if own}
     sizes |= dict.fromkeys(FIXED, 3 * len(graph.fixed)) if graph.fixed else {}
     sizes |= dict.fromkeys((*LOADED, *FOLLOWING), 3 * len(graph.load_places))
     sizes |= dict.fromkeys(ON_RODS, 3 * len(graph.whole)) | dict.fromkeys(ALONG, 3)
     ends = np.cumsum([0, *sizes.values()]).tolist()
     drives = [name for own in graph.drives for name in own]
     return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)} | drive_slices(drives, ends[-1])
+
+
+def driven_place(slices: dict[str, slice]) -> slice:
+    """Where the coordinates of joints that are driven stand; empty of none."""
+    own = [slices[name] for name in DRIVEN if name in slices]
+    return slice(own[0].start, own[-1].stop) if own else slice(0, 0)
 
 
 def blocks_of(graph: "Graph", places: NDArray[np.intp], first: int, n: int) -> list[Block]:
@@ -41,11 +48,16 @@ def blocks_of(graph: "Graph", places: NDArray[np.intp], first: int, n: int) -> l
     forces: list[int] = []
     gaps: list[int] = []
     held, slides = graph.ends[1].held, graph.slides
-    turns: list[int] = []  # of holes: they belong to two pieces
+    turns: list[int] = []  # of holes, which belong to two pieces, and what slides
     for k, name in enumerate(graph.names):
         own = places[k][: graph.layout.poses_at[0].start].copy()
         if slides.shared[k]:
             own[graph.layout.angles_at[0]] = -1
+        for at, end in zip(graph.layout.angles_at, graph.ends, strict=True):
+            if first < n and end.table.slides[k].any():  # along the rod, the force there is told by it alone
+                sliding = own[at][end.table.slides[k]]
+                turns += sliding[sliding >= 0].tolist()
+                own[at] = np.where(end.table.slides[k], -1, own[at])
         if slides.upper[k] >= 0:
             turns += [place for place in own[graph.layout.angles_at[1]].tolist() if place >= 0]
             own[graph.layout.angles_at[1]] = -1

@@ -32,7 +32,7 @@ from multirod.models.network.elements.element_kernels import form
 from multirod.models.network.elements.elements import GAP_AT, POSE, Frames
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds
 from multirod.models.network.graph import Graph
-from multirod.models.network.places import FOLLOWING, LOADED, blocks_of, input_places
+from multirod.models.network.places import FOLLOWING, LOADED, blocks_of, driven_place, input_places
 from multirod.models.network.stability.clamps import NetworkClamps
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.models.network.stability.form_rows import FormRows
@@ -58,6 +58,7 @@ class NetworkProblem(BoundaryProblem):
     Args:
         graph: The network.
         end_effector: Number of the body, or, after the bodies, of the rod as given whose tip it is.
+        effector_frame: Pose of the end effector in the frame of that body, shape (4, 4); the identity by default.
         inputs: The inputs.
         integrator, device, pose_sensitivities, direction_count, lengths, design, enabled: As for ``Assembly.problem``.
         placed: Whether directions may be along poses of joints.
@@ -79,10 +80,12 @@ class NetworkProblem(BoundaryProblem):
         lengths: bool = False,
         design: bool = False,
         placed: bool = False,
+        effector_frame: FloatArray | None = None,
         enabled: Sequence[str] = (),
         pieces: int = 1,
     ) -> None:
         self.graph, self.end_effector, self.pieces = graph, end_effector, pieces
+        self.effector_frame: FloatArray = np.eye(4) if effector_frame is None else effector_frame
         self.rod_count, self.body_count = len(graph.rods), len(graph.bodies)
         if pieces > 1:
             direction_count = 3 * (pieces - 1) * self.rod_count
@@ -242,6 +245,11 @@ class NetworkProblem(BoundaryProblem):
 
     def input_slice(self, name: str) -> slice:  # noqa: D102
         return self._slices[name]
+
+    @property
+    def driven_place(self) -> slice:
+        """Where the coordinates of joints that are driven stand among the inputs."""
+        return driven_place(self._slices)
 
     def takes(self, name: str) -> bool:  # noqa: D102
         name = ON_RODS.get(name, name)

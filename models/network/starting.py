@@ -72,15 +72,17 @@ def _place(problem: "NetworkProblem", x: FloatArray) -> None:
     tip, turn = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
     for group in problem.groups:
         tip[:, group.members], turn[:, group.members] = group.tips()
-    driven = problem.read("inputs")[:, problem.input_slice("angle")] if problem.graph.driven else None
+    driven = problem.read("inputs")[:, problem.driven_place] if problem.graph.is_driven else None
     placing = problem.graph.placing(problem.instance_count, problem.batch_shape, driven, problem.fixed_poses())
     position, rotation = placed(placing, tip, turn)
     moving = slice(1, 1 + problem.body_count)
     x[:, problem.first_pose :] = problem.pose_unknowns(position[:, moving], rotation[:, moving])
     problem.write("unknowns", x)
     base, end = problem.state().ends
-    turned = np.swapaxes(end.frame, -1, -2) @ base.rotation @ turn
-    _set_angles(problem, x, problem.layout.angles_at[1], problem.graph.ends[1].table.fitted(turned))
+    inward = np.swapaxes(end.frame, -1, -2)
+    apart = base.position + (base.rotation @ tip[..., None])[..., 0] - end.position
+    moved = (inward @ apart[..., None])[..., 0] + end.joints.moved
+    _set_angles(problem, x, problem.layout.angles_at[1], problem.graph.ends[1].table.fitted(inward @ base.rotation @ turn, moved))
 
 
 def _set_angles(problem: "NetworkProblem", x: FloatArray, at: slice, angles: FloatArray) -> None:

@@ -15,7 +15,7 @@ class State:
     """Bodies and ends of rods of all instances at their unknowns and inputs, for what is asked once; axes (instance, rod, ...).
 
     Attributes:
-        angles: Of the joints at bases, then at tips [rad], shape (instance, rod, 3).
+        angles: Coordinates of the joints at bases, then at tips, shape (instance, rod, 3).
     """
 
     def __init__(self, problem: "NetworkProblem") -> None:
@@ -27,8 +27,8 @@ class State:
         length = own.length[:, : own.rod_count]
         padded = np.concatenate([x, np.zeros((len(x), 1))], axis=1)
         self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in own.layout.angles_at]
-        if own.graph.driven:  # (24)
-            driven = own.graph.driven_angles(self.take(own, "angle"))
+        if own.graph.is_driven:  # (24)
+            driven = own.graph.driven_angles(self.inputs[..., own.driven_place])
             self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]
         left = (1 - own.load_factor.numpy())[:, None, None]
         arms = own.attachments[0][0], own.attachments[1][0] + left * own.shift  # (29)

@@ -31,7 +31,7 @@ from multirod.models.backbone.members.line_kinds import (
 from multirod.models.backbone.members.lines import Line
 from multirod.models.joint_kernels import JOINTS
 from multirod.models.network.joining.bodies import Body
-from multirod.models.network.joining.joints import Joint
+from multirod.models.network.joining.joints import AXES, Joint
 from multirod.rod import Rod, Section
 from multirod.validation import FloatArray
 
@@ -86,6 +86,7 @@ UNITS = {
     "at": "m",
 }
 EQUAL = ("bending_stiffness", "shear_stiffness", "foundation")  # one number for all their axes will do
+BY_NAME = (("Body", "frames"),)  # arguments that are mappings of names to numbers
 OF_A_KIND = ("Joint",)  # that has an argument of this name: its table needs no class, which goes without saying
 NO_IDENTITY = {"HeldRod": "end", "Body": "pose"}  # poses that are none by default, where others are the identity
 
@@ -138,12 +139,24 @@ def _joint_axes(robot: ParallelRods) -> FloatArray:
 
 
 def _axis(joint: Joint) -> FloatArray | None:
-    return {"revolute": joint.axes[0:1].reshape(-1), "universal": joint.axes}.get(joint.kind)
+    if joint.end not in ("base", "tip") or joint.kind not in AXES:
+        return None
+    return joint.axes if joint.kind == "universal" else joint.axes[0]
 
 
-def _each(values: FloatArray) -> FloatArray | float:
-    """One number where it is the same about all axes of a joint."""
-    return values if (values != values[:1]).any() else float(values[:1].sum())
+def _each(joint: Joint, values: FloatArray) -> FloatArray | float:
+    """One number where it is the same about all axes of a joint, none of which it slides along."""
+    alike = (values == values[:1]).all() and (joint.kind != "cylindrical" or joint.end == "along" or not values.any())
+    return float(values[:1].sum()) if alike else values
+
+
+def _end_effector(robot: Network) -> str | list[str]:
+    return robot.end_effector if isinstance(robot.end_effector, str) else list(robot.end_effector)
+
+
+def _rest(joint: Joint) -> FloatArray | float | None:
+    """None where it is the default."""
+    return _each(joint, joint.rest) if joint.rest.any() and (joint.rest != joint.at).any() else None
 
 
 # arguments that an object does not keep as an attribute of the same name
@@ -160,12 +173,14 @@ READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
         "platform_centre": lambda robot: robot.geometry.mass_centre,
     },
     "HeldRod": {"rod": lambda robot: robot.rods[0]},
-    "Network": {"end_effector": lambda robot: robot.end_effector},
+    "Network": {"end_effector": _end_effector},
+    "Body": {"frames": lambda body: body.frames or None},
     "Joint": {
         "to": lambda joint: joint.to.name,
         "axis": _axis,
-        "stiffness": lambda joint: _each(joint.stiffness),
-        "rest": lambda joint: _each(joint.rest),
+        "stiffness": lambda joint: _each(joint, joint.stiffness),
+        "rest": _rest,
+        "pose": lambda joint: joint.pose if joint.frame is None else joint.frame,
     },
     "InverseParallelRods": {"limits": lambda robot: robot.limits if np.isfinite(robot.limits).any() else None},
     "Tendon": {

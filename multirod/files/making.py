@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from multirod.files.kinds import EQUAL, OF_A_KIND, PARTS, Part, constructors, parameters
+from multirod.files.kinds import BY_NAME, EQUAL, OF_A_KIND, PARTS, Part, constructors, parameters
 from multirod.models.assemblies.network import Network
 from multirod.models.network.joining.bodies import ground
 from multirod.models.network.joining.joints import Joint
@@ -40,7 +40,10 @@ def made(table: object, part: Part, where: str) -> Any:  # noqa: ANN401  (of any
     for name, default in known.items():
         if default is Parameter.empty and name not in given:
             raise ValueError(f"{at(where, name)} is not there: {kind} needs {name}")
-    arguments = {name: _argument(value, parts.get(name), at(where, name)) for name, value in given.items()}
+    arguments = {
+        name: value if (kind, name) in BY_NAME else _argument(value, parts.get(name), at(where, name))
+        for name, value in given.items()
+    }
     arguments |= {name: _meant_as_pair(arguments[name]) for name in EQUAL if name in arguments}
     if make is Joint:
         return arguments  # until there are bodies

@@ -4,6 +4,7 @@ import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
+from re import ASCII, fullmatch
 from typing import Any, cast
 
 import numpy as np
@@ -44,7 +45,8 @@ def _holds_tables(value: object) -> bool:
 
 def _lines(name: str, value: object, unit: str) -> list[str]:
     first, *others = _value(value).split("\n")
-    return [f"{name} = {first}" + (f"  # {unit}" if unit else ""), *others]
+    key = name if fullmatch(r"[\w-]+", name, ASCII) else _value(name)
+    return [f"{key} = {first}" + (f"  # {unit}" if unit else ""), *others]
 
 
 def _value(value: object, indent: str = "") -> str:

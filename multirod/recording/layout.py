@@ -107,7 +107,7 @@ def _graph(stage: Stage) -> list[str]:
     lines = ["| rods | base on | tip on |", "|---|---|---|"]
     lines += [f"| {', '.join(names)} | {base} | {tip} |" for (base, tip), names in rows.items()]
     said = f"**Bodies** {bodies_in_words(robot)}. " if robot.bodies else ""
-    return [*lines, "", f"{said}**End effector** {robot.end_effector}  ", ""]
+    return [*lines, "", f"{said}**End effector** {robot.effector_name}  ", ""]
 
 
 def _table(stage: Stage) -> list[str]:

@@ -73,30 +73,31 @@ class Computed(Found[Robot_co]):
             strain = largest(self, [self._whole_shape(shape) for shape in shapes]).reshape(-1, len(shapes))
             self._strain_said = plausibility.of_strains(self.assembly, np.where(unsettled[:, None], np.nan, strain))
 
-    def body_position(self, body: str) -> FloatArray:
-        """Position of the frame of a body in the world [m], shape (..., 3).
+    def body_position(self, body: str | tuple[str, str]) -> FloatArray:
+        """Position of the frame of a body in the world [m], shape (..., 3), or of one of its ``frames``, ``("top", "tool")``.
 
         Raises:
             AttributeError: If the assembly has no bodies: ``Network`` has.
-            ValueError: If there is no such body.
+            ValueError: If there is no such body or frame.
         """
-        index = self._body_index(body)
-        return self._masked(self._body_poses[0][:, index], (3,))
+        index, frame = self._frame_of(body)
+        position, rotation = self._body_poses
+        return self._masked(position[:, index] + rotation[:, index] @ frame[:3, 3], (3,))
 
-    def body_rotation(self, body: str) -> FloatArray:
+    def body_rotation(self, body: str | tuple[str, str]) -> FloatArray:
         """Rotation of a body, body to world, shape (..., 3, 3).
 
         Raises:
             AttributeError, ValueError: As ``body_position``.
         """
-        index = self._body_index(body)
-        return self._masked(self._body_poses[1][:, index], (3, 3))
+        index, frame = self._frame_of(body)
+        return self._masked(self._body_poses[1][:, index] @ frame[:3, :3], (3, 3))
 
-    def _body_index(self, body: str) -> int:
-        index: Callable[[str], int] | None = getattr(self.assembly, "body_index", None)
-        if index is None:
+    def _frame_of(self, body: str | tuple[str, str]) -> tuple[int, FloatArray]:
+        of: Callable[[object], tuple[int, FloatArray]] | None = getattr(self.assembly, "frame_of", None)
+        if of is None:
             raise AttributeError(f"{type(self.assembly).__name__} has no bodies: Network has")
-        return index(body)
+        return of(body)
 
     @cached_property
     def _body_poses(self) -> list[FloatArray]:

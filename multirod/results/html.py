@@ -134,7 +134,7 @@ def robot(assembly: "Assembly") -> str:
         notes.insert(0, "stiffnesses are those of the first section")
     if isinstance(assembly, Network):
         said = f"bodies: {bodies_in_words(assembly)}; " if assembly.bodies else ""
-        notes.insert(0, f"{said}end effector: {assembly.end_effector}")
+        notes.insert(0, f"{said}end effector: {assembly.effector_name}")
     count = assembly.rod_count
     return table(f"{type(assembly).__name__} of {count} rod{'s' * (count > 1)}{batch}", header, rows, notes)
 

@@ -268,7 +268,7 @@ class Journey(Walk):
         if turn > FAR:
             return Status.SNAPPED
         value = self._slope(beyond).lowest
-        if first.any() and value > -CLEAR and RETURNED < turn < NEAR * np.sqrt(-value):
+        if first.any() and value > -CLEAR and RETURNED < turn < NEAR * np.sqrt(max(-value, 0.0)):
             return Status.BIFURCATED  # too near for a quarter of that to be told
         ratio = yield from self._shrinks(critical, beyond.level, landed, first)
         if ratio < SAME_BRANCH and (turn < RETURNED or not first.any()):

@@ -74,14 +74,15 @@ def base_columns(problem: "NetworkProblem", aim: Aim, rod: int) -> tuple[FloatAr
     size = sum(columns.numbers for columns in aim.every)
     move, turn = np.zeros((2, problem.instance_count, 3, n + size))
     along_move, along_turn = np.zeros((2, problem.instance_count, 3, directions.shape[1]))
-    by_angles = end.frame[:, rod] @ end.joints.turns[:, rod]
+    by_angles, by_slides = end.frame[:, rod] @ end.joints.turns[:, rod], end.frame[:, rod] @ end.joints.slides[rod]
     at = problem.places[rod, layout.angles_at[0]]
     for j in np.flatnonzero(at >= 0).tolist():
         turn[..., at[j]] = problem.length[:, rod, None] * by_angles[..., j]
-    if (graph.driven_at[0][rod] >= 0).any():  # (24) there
-        first = problem.input_slice("angle").start
-        for j in np.flatnonzero(graph.driven_at[0][rod] >= 0).tolist():
-            along_turn += by_angles[..., j, None] * directions[..., first + graph.driven_at[0][rod, j]][:, None]
+        move[..., at[j]] = problem.length[:, rod, None] * by_slides[..., j]
+    for j in np.flatnonzero(graph.driven_at[0][rod] >= 0).tolist():  # (24) there
+        along = directions[..., problem.driven_place.start + graph.driven_at[0][rod, j]][:, None]
+        along_turn += by_angles[..., j, None] * along
+        along_move += by_slides[..., j, None] * along
     holder, stand = int(graph.ends[0].frame[rod]), int(graph.ends[0].stand[rod])
     arm = end.position[:, rod] - frames.position[:, stand]
     if holder:
@@ -102,6 +103,9 @@ def base_columns(problem: "NetworkProblem", aim: Aim, rod: int) -> tuple[FloatAr
         if columns.name == "joint_pose":
             along_move[..., columns.start : columns.start + 3] += axes
             along_turn[..., columns.start + 3 : columns.start + POSE] += axes
+            slid = (end.frame[:, rod] @ end.joints.moved[:, rod, :, None])[..., 0]  # (36) which goes with the pose
+            turned = cross(np.swapaxes(axes, 1, 2), np.broadcast_to(slid[:, None], axes.shape))
+            along_move[..., columns.start + 3 : columns.start + POSE] += np.swapaxes(turned, 1, 2)
     move[..., n:], turn[..., n:] = (by_numbers(aim.every, rod, values) for values in (along_move, along_turn))
     return end.rotation[:, rod], move, turn
 

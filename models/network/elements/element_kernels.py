@@ -9,7 +9,17 @@ import warp as wp
 
 from multirod.models.backbone.kernels.numbers.scalars import turned_about_z
 from multirod.models.joint_kernels import SOFT, column, column_of, vector
-from multirod.models.network.elements.end_kernels import Behind, End, along, behind_plate, end_at, extension, level_of, nothing
+from multirod.models.network.elements.end_kernels import (
+    Behind,
+    End,
+    along,
+    behind_plate,
+    end_at,
+    extension,
+    level_of,
+    nothing,
+    stretched,
+)
 from multirod.models.network.elements.records import (
     CARRIED_AT,
     MORE,
@@ -141,7 +151,10 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
     if own.base.count > 0:  # (9)
         moment = own.base.joint * own.base_moment
         by_all = own.base.joint * change.base_m - wp.cross(moment, own.base.turns * change.base_angle)
-        torque = torque_change(own.base, -net.spring[0, rod], moment, by_all, change.base_angle) / EI
+        torque = torque_change(own.base, -net.spring[0, rod], moment, by_all, change.base_angle)
+        force = own.base.joint * own.base_force  # (36)
+        by_all = own.base.joint * change.base_n - wp.cross(force, own.base.turns * change.base_angle)
+        torque = (torque + wp.transpose(own.base.slide) * by_all) / EI
         if net.shared[rod] != 0:  # (19)
             torque = -torque
         write(net.element, b, rod, angles, k, torque)
@@ -151,7 +164,9 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
         inward = wp.transpose(own.tip.frame)
         moment = frame * own.moment
         by_all = inward * (by_moment + wp.cross(moment, change.tip_turn))
-        torque = torque_change(own.tip, net.spring[1, rod], inward * moment, by_all, change.tip_angle) / EI
+        torque = torque_change(own.tip, net.spring[1, rod], inward * moment, by_all, change.tip_angle)
+        by_all = inward * (by_force + wp.cross(frame * own.force, change.tip_turn))  # (36)
+        torque = (torque + wp.transpose(own.tip.slide) * by_all) / EI
         write(net.element, b, rod, angles + wp.static(MOST), k, torque)
     # (11)
     holder = net.holder[0, rod]
@@ -281,6 +296,11 @@ def carry_ends(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Chang
                 move += arm
             elif i >= 3 and i < wp.static(POSE):
                 turn += column_of(axes, i - 3)
+                slid = own.base.frame * (own.base.slide * own.base.angle)
+                if e == 1:
+                    slid = own.tip.frame * (own.tip.slide * own.tip.angle)
+                arm = wp.cross(column_of(axes, i - 3), slid)  # (36) which goes with the pose
+                move += arm
             if e == 0:
                 change.base_move = move
                 change.base_arm = arm
@@ -290,6 +310,18 @@ def carry_ends(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Chang
                 change.tip_turn = turn
                 change.tip_arm = arm
     return result
+
+
+@wp.func
+def slide_ends(own: wp.ref[Element], change: wp.ref[Change]):
+    """(36) Where the ends slide as the coordinates of their joints change."""
+    base = own.base.frame * (own.base.slide * change.base_angle)
+    change.base_move += base
+    change.base_arm += base
+    if own.free == 0:
+        tip = own.tip.frame * (own.tip.slide * change.tip_angle)
+        change.tip_move += tip
+        change.tip_arm += tip
 
 
 @wp.func(inline=False)
@@ -309,12 +341,14 @@ def write_values(net: wp.ref[Networks], own: wp.ref[Element]):
     angles = net.own
     if own.base.count > 0:
         torque = wp.transpose(own.base.axes) * (own.base.joint * own.base_moment)
+        torque += wp.transpose(own.base.slide) * (own.base.joint * own.base_force)  # (36)
         torque = (torque - wp.cw_mul(net.spring[0, rod], own.base.angle - net.rest[0, rod])) / EI
         write_value(net.value, b, rod, angles, wp.where(net.shared[rod] != 0, -torque, torque))
     force = frame * own.force
     moment = frame * own.moment
     if own.tip.count > 0:
         torque = wp.transpose(own.tip.axes) * (wp.transpose(own.tip.frame) * moment)
+        torque += wp.transpose(own.tip.slide) * (wp.transpose(own.tip.frame) * force)  # (36)
         torque = (torque + wp.cw_mul(net.spring[1, rod], own.tip.angle - net.rest[1, rod])) / EI
         write_value(net.value, b, rod, angles + wp.static(MOST), torque)
     carried = frame * own.base_force - force
@@ -422,11 +456,13 @@ def form(net: Networks, group: RodGroup):
             there = wp.where(net.variable[rod, k] >= 0, 1, 0)
             if there != 0:
                 change.base_angle = unit_vector(j, L)
+                slide_ends(own, change)
                 beta = own.back * (own.base.frame * (own.base.turns * change.base_angle))
         elif j < wp.static(2 * MOST):
             there = wp.where(net.variable[rod, k] >= 0, 1, 0)
             if there != 0:
                 change.tip_angle = unit_vector(j - wp.static(MOST), L)
+                slide_ends(own, change)
         elif j < wp.static(2 * MOST + 2 * POSE):
             i = j - wp.static(2 * MOST)
             e = i // wp.static(POSE)
@@ -464,6 +500,7 @@ def form(net: Networks, group: RodGroup):
             beta = own.back * (own.base.frame * (own.base.turns * change.base_angle))
             if net.fixed_count > 0 or net.moved[d] >= 0:
                 beta += own.back * carry_ends(net, own, change, d)
+            slide_ends(own, change)
             if own.free != 0:
                 change.given_force = along(net, b, d, net.force_at + 3 * place)
                 change.given_moment = along(net, b, d, net.moment_at + 3 * place)
@@ -508,6 +545,13 @@ def form(net: Networks, group: RodGroup):
             by_length = (L * L) * net.element[b, rod, i, net.width - 1]
             net.element[b, rod, i, net.size - 2] = by_length
             net.element[b, rod, i, net.size - 1] = -by_length
+    if net.holes != 0 and net.hole_spring[rod] > f64(0.0):  # (37)
+        pull = net.hole_spring[rod] * L / own.stiffness
+        net.value[b, rod, net.size - 2] -= pull * stretched(net, b, rod)
+        net.element[b, rod, net.size - 2, net.size - 2] -= pull * L * L
+        for d in range(net.direction_count):
+            moved = net.directions[b, d, net.translation_at + net.owner[rod]]
+            net.element[b, rod, net.size - 2, net.size + d] += pull * (f64(1.0) - net.below[rod]) * moved
     net.tip_position[b, rod] = own.base.position + own.base.rotation * own.position
     net.tip_rotation[b, rod] = own.base.rotation * own.rotation
     net.rod_fault[b, rod] = group.fault[t]

@@ -93,7 +93,8 @@ class Holding:
     Attributes:
         joints: (2) The joints there.
         frame: Of the pose on the body, in the world, shape (..., 3, 3).
-        position: Of the end [m], shape (..., 3).
+        origin: Of that pose [m], shape (..., 3).
+        position: Of the end, which may have slid from there [m], shape (..., 3).
         rotation: Of the end, shape (..., 3, 3).
     """
 
@@ -104,7 +105,8 @@ class Holding:
         R = frames.rotation[:, holder]
         self.joints = joints
         self.frame = R @ frame
-        self.position = frames.position[:, holder] + _times(R, arm)
+        self.origin = frames.position[:, holder] + _times(R, arm)
+        self.position = self.origin + _times(self.frame, joints.moved)
         self.rotation = self.frame @ joints.rotation
 
 

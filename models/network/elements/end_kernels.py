@@ -47,6 +47,7 @@ class End:
     joint: wp.mat33d  # E, in the pose
     turns: wp.mat33d  # G
     axes: wp.mat33d  # W
+    slide: wp.mat33d  # (36) T, in the pose
     second: wp.mat33d  # axes that turn with the first
     first: wp.mat33d  # by which turns
     count: int
@@ -86,6 +87,10 @@ def end_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> End:
             end.axes = net.inner[e, rod] + end.second
             end.joint = end.joint * rotation_from_vector(c)
         end.rotation = end.frame * end.joint
+        end.slide = net.slide[e, rod]  # (36)
+        moved = end.frame * (end.slide * end.angle)
+        end.arm += moved
+        end.position += moved
     return end
 
 
@@ -102,6 +107,15 @@ def extension(net: wp.ref[Networks], b: int, rod: int) -> f64:
     if base >= 0:
         moved -= net.unknowns[b, base]
     return (net.share[rod] * f64(net.pieces[rod]) - f64(1.0)) * L + given + L * L * moved
+
+
+@wp.func
+def stretched(net: wp.ref[Networks], b: int, rod: int) -> f64:
+    """(37) How far the spring at the hole at the tip of a piece is stretched."""
+    given = net.inputs[b, net.translation_at + net.owner[rod]]
+    L = net.length[b, rod]
+    place = net.below[rod] * (f64(net.pieces[rod]) * L + given) + L * L * net.unknowns[b, net.variable[rod, net.size - 2]]
+    return place - given - net.hole_rest[rod]
 
 
 @wp.struct

@@ -35,6 +35,8 @@ class Networks:
     holes: int  # whether rods slide through any
     effector: int  # number of the body that is the end effector, after the ground; 0 where it is a rod
     effector_rod: int  # -1 where it is a body
+    effector_position: wp.vec3d  # of the end effector in the frame of the body
+    effector_rotation: wp.mat33d
     # unknowns, inputs, results
     order: wp.array[int]
     active: wp.array[int]
@@ -71,6 +73,7 @@ class Networks:
     count: wp.array2d[int]  # (end, rod): coordinates of the joint
     inner: wp.array2d[wp.mat33d]  # (2) A_1
     outer: wp.array2d[wp.mat33d]  # A_2
+    slide: wp.array2d[wp.mat33d]  # (36) T
     spring: wp.array2d[wp.vec3d]
     rest: wp.array2d[wp.vec3d]
     driven: wp.array3d[int]  # (end, rod, coordinate): which input it is, -1 of an unknown
@@ -84,6 +87,9 @@ class Networks:
     share: wp.array[wp.float64]
     pieces: wp.array[int]
     shared: wp.array[int]  # whether its base is the hole at the tip of the piece below
+    hole_spring: wp.array[wp.float64]  # (37) (rod,): of the hole at the tip of a piece
+    hole_rest: wp.array[wp.float64]
+    below: wp.array[wp.float64]  # share of its rod below that hole
     softness: wp.array3d[wp.float64]  # (instance, rod, 6): inverse stiffnesses, of bending and torsion, then shear and stretching
     at_rest: wp.array2d[wp.vec3d]  # (instance, rod): precurvature
     # bodies

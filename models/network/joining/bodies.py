@@ -1,17 +1,23 @@
 """What rods are joined to: rigid bodies, and the ground."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from multirod import plausibility
 from multirod.assembly import pose as checked_pose
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, nonnegative_float, refuse
+from multirod.validation import Described, FloatArray, array, frozen, meant, nonnegative_float, refuse
 
 
 class Ground:
     """What does not move, the world or the ``base`` of a ``Network``. There is one, ``mr.ground``."""
 
     name = "ground"
+
+    def frame(self, name: str) -> FloatArray:
+        """It has none: what stands there is told by its pose."""
+        refuse("frame", name, "must not be given: the ground has no frames, a fixed body has")
 
     def __repr__(self) -> str:
         return "ground"
@@ -29,11 +35,13 @@ class Body:
         mass_centre: In the frame of the body [m], shape (3,); only with a ``mass``.
         pose: About where it is, in the frame of the ground, shape (4, 4): where the search begins. By default it follows from the
             rods at rest. A fixed body is there, and must have one.
+        frames: Places on it by name, poses in its frame, shape (4, 4): where joints are, ``mr.Joint(..., to=body, pose="left")``,
+            or what is the end effector, ``mr.Network(..., end_effector=("top", "tool"))``.
         fixed: Whether it stays there, but for what the inputs ``fixed_position`` and ``fixed_rotation`` move it by: a hand that
             holds it. It has no mass, and no loads act on it.
 
     Raises:
-        ValueError: If the name is empty or ``"ground"``, a number is out of range, the pose is none, or there is a
+        ValueError: If the name is empty or ``"ground"``, a number is out of range, a pose is none, or there is a
             ``mass_centre`` without a mass; if a fixed body has no pose, or a mass.
     """
 
@@ -45,8 +53,14 @@ class Body:
         mass_centre: Numbers = (0.0, 0.0, 0.0),
         pose: Numbers | None = None,
         fixed: bool = False,
+        frames: Mapping[str, Numbers] | None = None,
     ) -> None:
         self.name = name_of("Body.name", name)
+        if frames is not None and not isinstance(frames, Mapping):
+            raise TypeError(f"Body.frames = {frames!r} is not allowed: must be a mapping of names to poses")
+        self.frames: dict[str, FloatArray] = {
+            frame_name(key): frozen(one_pose(f"Body.frames[{key!r}]", value)) for key, value in (frames or {}).items()
+        }
         if not isinstance(fixed, (bool, np.bool_)):
             raise TypeError(f"Body.fixed = {fixed!r} is not allowed: must be True or False")
         self.fixed = bool(fixed)
@@ -61,15 +75,42 @@ class Body:
         if self.fixed and self.mass:
             refuse("Body.mass", mass, "must be 0 of a fixed body: its weight does nothing")
 
+    def frame(self, name: str) -> FloatArray:
+        """Pose of one of its ``frames`` in its own, shape (4, 4).
+
+        Raises:
+            ValueError: If there is none of that name.
+        """
+        if name not in self.frames:
+            known = ", ".join(map(repr, self.frames)) or "none: it has no frames, mr.Body(..., frames={...})"
+            refuse("frame", name, f"must be one of those of body {self.name!r}: {known}{meant(name, self.frames)}")
+        return self.frames[name]
+
     def __repr__(self) -> str:
         more = f", mass={self.mass:g}" * bool(self.mass) + ", fixed" * self.fixed
         return f"Body({self.name!r}{more})"
+
+
+def standing(field: str, value: object) -> Body | Ground:
+    """What a whole robot stands on."""
+    if not isinstance(value, (Body, Ground)):
+        raise TypeError(f"{field} = {value!r} is not allowed: must be mr.ground or a Body, not {type(value).__name__}")
+    if isinstance(value, Body) and not value.fixed:
+        refuse(field, value, "must be mr.ground, or a fixed body: nothing would hold it")
+    return value
 
 
 def name_of(field: str, value: object) -> str:
     """A name that tells a rod or body from others."""
     if not isinstance(value, str) or not value or value == Ground.name:
         refuse(field, value, "must be a name, and not 'ground'")
+    return value
+
+
+def frame_name(value: object) -> str:
+    """A name of a frame."""
+    if not isinstance(value, str) or not value:
+        refuse("Body.frames", value, "must be by name")
     return value
 
 

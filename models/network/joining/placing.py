@@ -74,12 +74,16 @@ def _fitted(
     turn: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Pose of a body that rods reach by some of their ends, ``(end, rod)``, from what is placed."""
-    rest = [table.at(angles).rotation for table, angles in zip(at.tables, at.angles, strict=True)]
+    turns = [table.at(angles) for table, angles in zip(at.tables, at.angles, strict=True)]
+    rest = [own.rotation for own in turns]
+    attachments = [  # (36)
+        (arm + (frame @ own.moved[..., None])[..., 0], frame) for (arm, frame), own in zip(at.attachments, turns, strict=True)
+    ]
     places, frames = [], []
     for end, rod in reached:
         other = 1 - end
         holder = at.frames[other][rod]
-        arm, frame = (values[:, rod] for values in at.attachments[other])
+        arm, frame = (values[:, rod] for values in attachments[other])
         here, there = (rest[k][:, rod] for k in (end, other))
         p = position[:, holder] + np.einsum("bij,bj->bi", rotation[:, holder], arm)
         R = rotation[:, holder] @ frame @ there
@@ -90,7 +94,7 @@ def _fitted(
             p = p - np.einsum("bij,bj->bi", R, tip[:, rod])
         places.append(p)
         frames.append(R @ np.swapaxes(here, 1, 2))
-    arm, frame = (np.stack([at.attachments[end][k][:, rod] for end, rod in reached], axis=1) for k in (0, 1))
+    arm, frame = (np.stack([attachments[end][k][:, rod] for end, rod in reached], axis=1) for k in (0, 1))
     few = len(reached) < POINTS
     framed = np.array([few or at.tables[end].free[rod] < KINDS["spherical"] for end, rod in reached])
     return fitted_pose(np.stack(places, axis=1), np.stack(frames, axis=1), arm, frame, framed)

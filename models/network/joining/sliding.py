@@ -68,6 +68,19 @@ class Slides:
         return len(self.holes)
 
     @property
+    def below(self) -> FloatArray:
+        """(20) Share of its rod that is below the tip of each piece where unknowns are zero, shape (piece_count,)."""
+        return np.array([self.share[self.of(int(rod))[0] : k + 1].sum() for k, rod in enumerate(self.owner)])
+
+    @property
+    def springs(self) -> tuple[FloatArray, FloatArray]:
+        """(37) Stiffness of what holds each piece to the hole at its tip along the rod [N/m], and the arclength of the rod where
+        that is fixed to it [m], zero where there is none, shapes (piece_count,)."""
+        holes = [None if k == NONE else self.holes[k] for k in self.upper.tolist()]
+        stiffness, rest = ([0.0 if h is None else float(getattr(h, name)[0]) for h in holes] for name in ("stiffness", "rest"))
+        return np.array(stiffness), np.array(rest)
+
+    @property
     def first(self) -> NDArray[np.bool_]:
         """Whether a piece begins at the base of its rod, shape (piece_count,)."""
         return np.asarray(self.lower == NONE)

@@ -83,6 +83,7 @@ class NetworkClamps(Clamps):
         by_pose = np.concatenate([np.zeros_like(turns), turns], axis=-1)
         by_base = np.swapaxes(base.rotation, -1, -2) @ np.concatenate([by_angles, by_pose], axis=-1)
         moves = np.zeros_like(by_base)
+        moves[..., :MOST] = L[:, : problem.rod_count, None, None] * (base.frame @ base.joints.slides)  # (36)
         at = np.flatnonzero(holder > 0)
         body = holder[at] - 1
         scale = L[:, problem.rod_count + body, None, None] ** 2

@@ -145,7 +145,8 @@ class NetworkStability(StabilityAnalysis):
         own = [*range(m), *range(angles.start, angles.stop)]
         condition = _condition(fixing[..., own])
         # what a hole leaves free is that of two pieces
-        turning = np.where(graph.slides.upper < 0, graph.ends[1].table.free, 0)
+        tips = graph.ends[1].table
+        turning = np.where((graph.slides.upper < 0) & ~tips.slides.any(axis=1), tips.free, 0)
         freed = np.zeros(condition.shape, dtype=bool)
         doubtful = (condition > DOUBTFUL) & (turning > 0)
         if doubtful.any():
@@ -210,6 +211,8 @@ class NetworkStability(StabilityAnalysis):
         if layout.holes:
             by_length = by_own[..., -1:] * problem.length[:, : problem.rod_count, None, None] ** 2
             by_own = np.concatenate([by_own[..., :-1], by_length, -by_length], axis=-1)
+            scale = problem.length[:, : problem.rod_count] ** 3 / problem.stiffness[:, : problem.rod_count]
+            by_own[..., -2, -2] -= scale * problem.graph.slides.springs[0]  # (37)
         by_own[..., gone][elimination.freed], by_own[..., gone, :][elimination.freed] = 0.0, 0.0
         numbers = by_own.reshape(count, -1)
         loads = -problem.networks.load_turns.numpy()[:, : problem.body_count].reshape(count, -1)
@@ -325,7 +328,8 @@ class NetworkStability(StabilityAnalysis):
         # of a rod in pieces, whose weights change, from where its first piece begins
         slides = graph.slides
         first = np.array([slides.of(rod)[0] for rod in slides.owner.tolist()])
-        moved = state.ends[0].position - zero.ends[0].position[:, first]
+        begin = zero.ends[0].origin
+        moved = state.ends[0].position - begin[:, first]
         total -= (carried * moved).sum(axis=(1, 2))
         force, weight = problem.forces(state)
         for frames, sense in ((state.frames, 1.0), (zero.frames, -1.0)):
@@ -333,7 +337,7 @@ class NetworkStability(StabilityAnalysis):
             centre = position + np.einsum("bkij,kj->bki", rotation, graph.mass_centre)
             total -= sense * (weight * centre).sum(axis=(1, 2))
             total -= sense * (force[:, : problem.body_count] * position).sum(axis=(1, 2))
-        tips = tip_position[:, graph.free] - zero.ends[0].position[:, graph.free]
+        tips = tip_position[:, graph.free] - begin[:, graph.free]
         total -= (force[:, problem.body_count :] * tips).sum(axis=(1, 2))
         return np.where(self.has_potential, total, np.nan)
 
