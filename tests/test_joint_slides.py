@@ -152,12 +152,12 @@ def test_what_slides_freely_carries_nothing_along_its_axis_and_what_is_driven_is
     np.testing.assert_allclose((end.rotation[-1] @ end.force[-1])[0], (more - less) / 2e-4, rtol=1e-4)
 
 
-def sprung(stiffness=30.0, rest=None):
-    """A rod through holes of a chain's bodies, one of which holds it by a spring."""
+def sprung(stiffness=30.0, rest=None, names="ab"):
+    """A rod through holes of a chain's bodies, some of which hold it by springs."""
     robot = threaded()
     joints = [
         mr.Joint("rod", "along", at=joint.at, to=joint.to, pose=joint.pose, kind=joint.kind, stiffness=stiffness, rest=rest)
-        if joint.end == "along" and joint.to.name in "ab"
+        if joint.end == "along" and joint.to.name in names
         else joint
         for joint in robot.joints
     ]
@@ -254,3 +254,23 @@ def test_a_tool_is_where_its_body_has_it():
     np.testing.assert_allclose(reached.tip_position, goal, atol=1e-6)
     with pytest.raises(ValueError, match="must be one of those of body 'plate': 'tool'"):
         slid(("plate", "tip"))
+
+
+def test_a_spring_at_a_hole_is_part_of_the_second_variation():
+    """One without force there changes no equilibrium, and raises what the network resists with, by no more than itself."""
+    plain = threaded()
+    solution = mr.solve(plain, plain.inputs(**THREADED), solver=EXACT)
+    arclength = solution.rod("rod").arclength
+    place = arclength[1:][np.diff(arclength) == 0][0] - THREADED["translation"]["rod"]
+    values = []
+    for stiffness in (3.0, 300.0):
+        robot = sprung(stiffness, float(place), "a")
+        found = mr.solve(robot, robot.inputs(**THREADED), solver=EXACT)
+        np.testing.assert_allclose(found.tip_position, solution.tip_position, atol=1e-10)
+        assert found._modes.uncertainty.max() < 1e-8 * np.abs(found._modes.values).max()
+        values.append(np.sort(found._modes.values.ravel()))
+    free, soft, stiff = np.sort(solution._modes.values.ravel()), *values
+    noise = 1e-8 * np.abs(free).max()
+    assert (free <= soft + noise).all()
+    assert (soft <= stiff + noise).all()
+    assert (stiff - free).max() > 1e3 * noise
