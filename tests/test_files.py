@@ -64,11 +64,12 @@ def hexapod():
 
 def network(rod=ROD, holes=(), **more):
     """All that bodies and joints can be made of, no two alike."""
-    plate = mr.Body("plate", mass=0.05, mass_centre=(0.01, 0, 1 / 3), pose=TURNED)
+    frames = {UNUSUAL: poses(0.03)[0], "tool": TURNED}
+    plate = mr.Body("plate", mass=0.05, mass_centre=(0.01, 0, 1 / 3), pose=TURNED, frames=frames)
     top, hand = mr.Body(UNUSUAL, pose=np.eye(4)), mr.Body("hand", pose=np.eye(4), fixed=True)
     joints = [
         mr.Joint("left", "base", to=mr.ground, pose=poses(0.05)[0]),
-        mr.Joint("left", "tip", to=plate, pose=poses(0.03)[0], kind="revolute", axis=(0, 1, 3), stiffness=0.2, rest=1 / 3),
+        mr.Joint("left", "tip", to=plate, pose=UNUSUAL, kind="revolute", axis=(0, 1, 3), stiffness=0.2, rest=1 / 3),
         mr.Joint("right", "base", to=hand, pose=poses(0.05)[1], kind="universal", axis=np.eye(3)[:2], stiffness=(0.3, 0)),
         mr.Joint("right", "tip", to=plate, pose=poses(0.03)[1], kind="spherical", stiffness=0.1),
         mr.Joint("upper", "base", to=plate),
@@ -135,10 +136,11 @@ ROBOTS = {
     "network": lambda: network(end_effector="feeler"),
     "network with holes": lambda: network(
         holes=[
-            {"at": 0.05, "kind": "prismatic", "pose": TURNED},
+            {"at": 0.05, "kind": "prismatic", "pose": TURNED, "stiffness": 40.0, "rest": 0.06},
             {"at": 0.1, "kind": "cylindrical"},
             {"at": 0.15, "kind": "spherical"},
-        ]
+        ],
+        end_effector=("plate", "tool"),
     ),
     "network in a batch": lambda: network(base=[TURNED, np.eye(4)]),
 }
@@ -198,7 +200,7 @@ def test_the_robots_tried_have_all_that_a_file_may_hold():
     shown["Section"] |= {"precurvature"}
     without_unit = {"name", "driven", "friction", "area_fixed", "joints", "joint_axes", "route", "members", "loads"}
     without_unit |= {"joint", "joint_axis", "slide", "base_joint", "base_joint_axis"}
-    without_unit |= {"end_effector", "rod", "end", "to", "kind", "axis", "fixed"}
+    without_unit |= {"end_effector", "rod", "end", "to", "kind", "axis", "fixed", "frames"}
     for kind in (*kinds.ROBOTS, *kinds.LINES, "Rod", "Section", "Body", "Joint"):
         arguments = set(kinds.parameters(kinds.CLASSES[kind]))
         only_default = {"driven"} if kind == "PushRod" else set()  # which has no other value
