@@ -3,6 +3,7 @@
 
 import warp as wp
 
+from multirod.capabilities import Loading
 from multirod.models.rotation_kernels import inverse_right_jacobian, rotation_vector, swing
 from multirod.rotations import AIMLESS, BACK, SIDEWAYS
 
@@ -32,6 +33,22 @@ def column_of(values: wp.mat33d, k: int) -> wp.vec3d:
 def column(values: wp.array3d[wp.float64], t: int, first: int, k: int) -> wp.vec3d:
     """Three numbers of a column."""
     return wp.vec3d(values[t, first, k], values[t, first + 1, k], values[t, first + 2, k])
+
+
+@wp.func
+def along(directions: wp.array3d[wp.float64], b: int, d: int, first: int) -> wp.vec3d:
+    """Three numbers of a direction in input space."""
+    return wp.vec3d(directions[b, d, first], directions[b, d, first + 1], directions[b, d, first + 2])
+
+
+@wp.func
+def load_level(loading: int, factor: f64) -> f64:
+    """What multiplies all loads of an instance, by how they act while joints close."""
+    if loading == wp.static(int(Loading.NONE)):
+        return f64(0.0)
+    if loading == wp.static(int(Loading.FULL)):
+        return f64(1.0)
+    return factor
 
 
 @wp.struct

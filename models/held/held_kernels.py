@@ -7,7 +7,19 @@ Numbers in parentheses are those of ``docs/held.md``. The rod is integrated by t
 
 import warp as wp
 
-from multirod.models.joint_kernels import CLAMPED, Joint, column, joint_at, joint_rows, joint_rows_variation, vector, write_rows
+from multirod.kernels.problem_arrays import ProblemArrays
+from multirod.models.backbone.kernels.layout.arguments import TipWrench
+from multirod.models.joint_kernels import (
+    CLAMPED,
+    Joint,
+    along,
+    column,
+    joint_at,
+    joint_rows,
+    joint_rows_variation,
+    vector,
+    write_rows,
+)
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 
 f64 = wp.float64
@@ -31,21 +43,7 @@ class Held:
     along: int  # where ALONG begin
     tip_loads: int  # tip_force, then tip_moment
     pose: int  # end_position, then end_rotation
-    # unknowns, inputs, results
-    order: wp.array[int]
-    active: wp.array[int]
-    load_factor: wp.array[wp.float64]
-    unknowns: wp.array2d[wp.float64]
-    inputs: wp.array2d[wp.float64]
-    directions: wp.array3d[wp.float64]
-    fault: wp.array[int]
-    step_count: wp.array[int]
-    residual: wp.array2d[wp.float64]
-    gamma: wp.array3d[wp.float64]
-    residual_directions: wp.array3d[wp.float64]
-    position: wp.array[wp.vec3d]
-    rotation: wp.array[wp.mat33d]
-    pose_columns: wp.array3d[wp.float64]
+    problem: ProblemArrays
     # geometry
     base_frame: wp.array[wp.mat33d]  # of the base's holder
     end_position: wp.array[wp.vec3d]  # of the end's holder where its inputs are zero
@@ -66,22 +64,8 @@ class Held:
     alike: wp.array[int]  # whether the rod is the same about its axis, whatever holds its end
     neutral: wp.array[int]  # whether a turn about the base's axis costs nothing
     clamped: int  # whether clamps tell of that turn, and (11) need not hold it
-    # the rod as a backbone whose tip is held
-    rod_active: wp.array[int]
-    rod_load_factor: wp.array[wp.float64]
-    rod_unknowns_at: wp.array2d[wp.float64]
-    rod_inputs_at: wp.array2d[wp.float64]
-    rod_directions: wp.array3d[wp.float64]
-    rod_fault: wp.array[int]
-    rod_step_count: wp.array[int]
-    rod_residual: wp.array2d[wp.float64]
-    rod_gamma: wp.array3d[wp.float64]
-    rod_residual_directions: wp.array3d[wp.float64]
-    rod_position: wp.array[wp.vec3d]
-    rod_rotation: wp.array[wp.mat33d]
-    rod_pose_columns: wp.array3d[wp.float64]
-    wrench: wp.array2d[wp.float64]
-    wrench_columns: wp.array3d[wp.float64]
+    rod: ProblemArrays  # as a backbone whose tip is held
+    wrench: TipWrench
     base_position: wp.array[wp.vec3d]
     base_rotation: wp.array[wp.mat33d]  # the base's holder, turned in its joint
 
@@ -91,7 +75,7 @@ def turn_of(held: Held, b: int) -> wp.vec3d:
     """(8) Rotation vector by which the base is turned in its joint, in the frame of its holder."""
     a = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
     for j in range(held.turns):
-        a += (held.length[b] * held.unknowns[b, held.rod_unknowns + j]) * held.base_axes[j]
+        a += (held.length[b] * held.problem.unknowns[b, held.rod_unknowns + j]) * held.base_axes[j]
     return a
 
 
@@ -107,8 +91,8 @@ def is_neutral(held: Held, b: int) -> bool:
     if held.alike[b] == 0:
         return False
     axis = held.base_frame[b] * wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
-    away = held.end_position[b] + vector(held.inputs, b, held.pose) - held.base_position[b]
-    frame = rotation_from_vector(vector(held.inputs, b, held.pose + 3)) * held.end_frame[b]
+    away = held.end_position[b] + vector(held.problem.inputs, b, held.pose) - held.base_position[b]
+    frame = rotation_from_vector(vector(held.problem.inputs, b, held.pose + 3)) * held.end_frame[b]
     tangent = wp.vec3d(frame[0, 2], frame[1, 2], frame[2, 2])
     off = wp.max(wp.length(wp.cross(axis, away)) / held.length[b], wp.length(wp.cross(axis, tangent)))
     return off < f64(wp.static(ON_AXIS))
@@ -117,13 +101,13 @@ def is_neutral(held: Held, b: int) -> bool:
 @wp.func
 def base_moment(held: Held, b: int) -> wp.vec3d:
     """(6) Moment at the base, in the frame of the base."""
-    return held.stiffness[b] * vector(held.unknowns, b, 0)
+    return held.stiffness[b] * vector(held.problem.unknowns, b, 0)
 
 
 @wp.func
 def base_turn(held: Held, b: int) -> wp.vec2d:
     """Cosine and sine of the angle of the rod at its base."""
-    angle = held.load_factor[b] * held.inputs[b, 0]
+    angle = held.problem.load_factor[b] * held.problem.inputs[b, 0]
     return wp.vec2d(wp.cos(angle), wp.sin(angle))
 
 
@@ -137,42 +121,42 @@ def turned_back(held: Held, b: int, v: wp.vec3d) -> wp.vec3d:
 @wp.kernel(module="unique", enable_backward=False)
 def hand_over(held: Held):
     """Unknowns, inputs and directions to the rod, and its base as it is turned."""
-    b = held.order[wp.tid()]
-    held.rod_active[b] = held.active[b]
-    if held.active[b] == 0:
+    b = held.problem.order[wp.tid()]
+    held.rod.active[b] = held.problem.active[b]
+    if held.problem.active[b] == 0:
         return
     held.neutral[b] = int(is_neutral(held, b))
-    path = held.load_factor[b]
-    held.rod_load_factor[b] = path
+    path = held.problem.load_factor[b]
+    held.rod.load_factor[b] = path
     for i in range(3, held.rod_unknowns - 3):
-        held.rod_unknowns_at[b, i] = held.unknowns[b, i]
+        held.rod.unknowns[b, i] = held.problem.unknowns[b, i]
     # (6) the rod's own turn with it
     M = turned_back(held, b, base_moment(held, b))
-    N = turned_back(held, b, vector(held.unknowns, b, held.rod_unknowns - 3))
+    N = turned_back(held, b, vector(held.problem.unknowns, b, held.rod_unknowns - 3))
     for j in range(3):
-        held.rod_unknowns_at[b, j] = held.base_curvature[b][j] + held.moment_unit[b][j] * M[j]
-        held.rod_unknowns_at[b, held.rod_unknowns - 3 + j] = N[j]
-    held.rod_inputs_at[b, 0] = path * held.inputs[b, 0]
-    held.rod_inputs_at[b, 1] = held.inputs[b, 1]
+        held.rod.unknowns[b, j] = held.base_curvature[b][j] + held.moment_unit[b][j] * M[j]
+        held.rod.unknowns[b, held.rod_unknowns - 3 + j] = N[j]
+    held.rod.inputs[b, 0] = path * held.problem.inputs[b, 0]
+    held.rod.inputs[b, 1] = held.problem.inputs[b, 1]
     for i in range(held.along, held.rod_inputs):
-        held.rod_inputs_at[b, i] = held.inputs[b, i]
-    scale = held.inputs.shape[1] - 1
-    held.rod_inputs_at[b, held.rod_inputs] = held.inputs[b, scale]
+        held.rod.inputs[b, i] = held.problem.inputs[b, i]
+    scale = held.problem.inputs.shape[1] - 1
+    held.rod.inputs[b, held.rod_inputs] = held.problem.inputs[b, scale]
     for k in range(held.direction_count):
-        held.rod_directions[b, k, 0] = path * held.directions[b, k, 0]
-        held.rod_directions[b, k, 1] = held.directions[b, k, 1]
+        held.rod.directions[b, k, 0] = path * held.problem.directions[b, k, 0]
+        held.rod.directions[b, k, 1] = held.problem.directions[b, k, 1]
         for i in range(held.along, held.rod_inputs):
-            held.rod_directions[b, k, i] = held.directions[b, k, i]
-        held.rod_directions[b, k, held.rod_inputs] = held.directions[b, k, scale]
+            held.rod.directions[b, k, i] = held.problem.directions[b, k, i]
+        held.rod.directions[b, k, held.rod_inputs] = held.problem.directions[b, k, scale]
     held.base_rotation[b] = held.base_frame[b] * rotation_from_vector(turn_of(held, b))
     for j in range(held.turns):
         axis = turn_axis(held, b, j)
         for i in range(wp.static(len(ALONG))):
             first = held.along + 3 * i
-            turned = wp.cross(axis, vector(held.inputs, b, first))
+            turned = wp.cross(axis, vector(held.problem.inputs, b, first))
             for c in range(3):
                 # (9) the base turned back: what acts along the rod turns instead
-                held.rod_directions[b, held.direction_count + j, first + c] = -path * turned[c]
+                held.rod.directions[b, held.direction_count + j, first + c] = -path * turned[c]
 
 
 @wp.struct
@@ -188,11 +172,11 @@ class End:
 def end_pose(held: Held, b: int) -> End:
     """(1), (2) The pose on the way from that of the rod at rest."""
     end = End()
-    path = wp.where(held.direct[b] != 0, f64(1.0), held.load_factor[b])
+    path = wp.where(held.direct[b] != 0, f64(1.0), held.problem.load_factor[b])
     rest = path - f64(1.0)
-    goal = held.end_position[b] + vector(held.inputs, b, held.pose)
+    goal = held.end_position[b] + vector(held.problem.inputs, b, held.pose)
     end.position = goal + rest * (goal - held.rest_position[b])
-    a = path * vector(held.inputs, b, held.pose + 3)
+    a = path * vector(held.problem.inputs, b, held.pose + 3)
     end.rotation = rotation_from_vector(a) * (rotation_from_vector(rest * held.rest_turn[b]) * held.end_frame[b])
     end.turn = path * left_jacobian(a)
     return end
@@ -202,17 +186,17 @@ def end_pose(held: Held, b: int) -> End:
 def write_entry(held: Held, b: int, row: int, k: int, value: f64):
     """One number of Gamma, or, past its columns, of the residual's derivative by a direction; k as for a rod's columns."""
     if k < held.rod_unknowns:
-        held.gamma[b, row, k] = value
+        held.problem.gamma[b, row, k] = value
     elif k < held.rod_unknowns + held.direction_count:
-        held.residual_directions[b, row, k - held.rod_unknowns] = value
+        held.problem.residual_directions[b, row, k - held.rod_unknowns] = value
     else:
-        held.gamma[b, row, k - held.direction_count] = value
+        held.problem.gamma[b, row, k - held.direction_count] = value
 
 
 @wp.func
 def phase_of(held: Held, b: int) -> wp.vec3d:
     """(11) Across the axis about which the rod is to bend, in the frame of the base: there is to be no moment."""
-    turn = wp.transpose(held.base_frame[b]) * (vector(held.inputs, b, held.pose + 3) + held.rest_turn[b])
+    turn = wp.transpose(held.base_frame[b]) * (vector(held.problem.inputs, b, held.pose + 3) + held.rest_turn[b])
     across = wp.vec3d(turn[1], -turn[0], f64(0.0))
     size = wp.length(across)
     if size > f64(wp.static(ACROSS)):
@@ -250,12 +234,12 @@ def to_unknowns(held: Held, b: int, values: wp.array3d[wp.float64], others: wp.a
     turn = base_turn(held, b)
     M = turned_back(held, b, base_moment(held, b))
     n = held.rod_unknowns - 3
-    N = turned_back(held, b, vector(held.unknowns, b, n))
+    N = turned_back(held, b, vector(held.problem.unknowns, b, n))
     unit = held.moment_unit[b]
     by_moment = wp.vec3d(values[b, row, 0] * unit[0], values[b, row, 1] * unit[1], values[b, row, 2] * unit[2])
     by_force = wp.vec3d(values[b, row, n], values[b, row, n + 1], values[b, row, n + 2])
     for k in range(held.direction_count):
-        rate = held.load_factor[b] * held.directions[b, k, 0]
+        rate = held.problem.load_factor[b] * held.problem.directions[b, k, 0]
         change = by_moment[0] * M[1] - by_moment[1] * M[0] + by_force[0] * N[1] - by_force[1] * N[0]
         others[b, row, first + k] = others[b, row, first + k] + rate * change
     values[b, row, 0] = held.stiffness[b] * (turn[0] * by_moment[0] - turn[1] * by_moment[1])
@@ -283,10 +267,10 @@ class Tip:
 def tip_of(held: Held, b: int, neutral: bool, position: wp.vec3d, rotation: wp.mat33d, force: wp.vec3d, moment: wp.vec3d) -> Tip:
     """A tip of this pose, at which the rod carries this force and moment, all in the world."""
     tip = Tip()
-    path = held.load_factor[b]
+    path = held.problem.load_factor[b]
     tip.end = end_pose(held, b)
-    tip.force = force - path * vector(held.inputs, b, held.tip_loads)
-    tip.moment = moment - path * vector(held.inputs, b, held.tip_loads + 3)
+    tip.force = force - path * vector(held.problem.inputs, b, held.tip_loads)
+    tip.moment = moment - path * vector(held.problem.inputs, b, held.tip_loads + 3)
     tip.joint = joint_at(held.joint, held.axis, tip.end.rotation, rotation, tip.moment)
     tip.joint.length = held.length[b]
     tip.joint.curvature = f64(1.0) / held.stiffness[b]
@@ -328,20 +312,14 @@ def tip_rows_variation(
     change, and, unless d is negative, along direction d."""
     L = held.length[b]
     bent = tip.joint.curvature
-    path = held.load_factor[b]
+    path = held.problem.load_factor[b]
     move = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
     turn = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
     if d >= 0:
-        first = held.pose
-        move = path * wp.vec3d(held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2])
-        first += 3
-        turn = tip.end.turn * wp.vec3d(
-            held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2]
-        )
-        first = held.tip_loads
-        dn -= path * wp.vec3d(held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2])
-        first += 3
-        dm -= path * wp.vec3d(held.directions[b, d, first], held.directions[b, d, first + 1], held.directions[b, d, first + 2])
+        move = path * along(held.problem.directions, b, d, held.pose)
+        turn = tip.end.turn * along(held.problem.directions, b, d, held.pose + 3)
+        dn -= path * along(held.problem.directions, b, d, held.tip_loads)
+        dm -= path * along(held.problem.directions, b, d, held.tip_loads + 3)
     shift = tip.to_guide * ((dp - move - wp.cross(turn, tip.apart)) / (L * L))
     if held.slides != 0:
         push = (L * bent) * (tip.to_guide * (dn - wp.cross(turn, tip.force)))
@@ -360,53 +338,53 @@ def tip_rows_variation(
 @wp.kernel(module="unique", enable_backward=False)
 def hold(held: Held):
     """(5), (7), (8), (11): the residual with its columns, and the pose of the tip with them."""
-    b = held.order[wp.tid()]
-    if held.active[b] == 0:
+    b = held.problem.order[wp.tid()]
+    if held.problem.active[b] == 0:
         return
     zero = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-    open = f64(1.0) - held.load_factor[b]
+    open = f64(1.0) - held.problem.load_factor[b]
     m = held.rod_unknowns
     for i in range(wp.static(POSE)):
-        to_unknowns(held, b, held.rod_pose_columns, held.rod_pose_columns, m, i)
-        to_unknowns(held, b, held.wrench_columns, held.wrench_columns, m, i)
+        to_unknowns(held, b, held.rod.pose_columns, held.rod.pose_columns, m, i)
+        to_unknowns(held, b, held.wrench.columns, held.wrench.columns, m, i)
     for i in range(wp.static(POSE), m):
-        to_unknowns(held, b, held.rod_gamma, held.rod_residual_directions, 0, i)
+        to_unknowns(held, b, held.rod.gamma, held.rod.residual_directions, 0, i)
     bent = f64(1.0) / held.stiffness[b]
-    force, moment = vector(held.wrench, b, 0), vector(held.wrench, b, 3)
-    tip = tip_of(held, b, held.neutral[b] > held.clamped, held.rod_position[b], held.rod_rotation[b], force, moment)
+    force, moment = vector(held.wrench.values, b, 0), vector(held.wrench.values, b, 3)
+    tip = tip_of(held, b, held.neutral[b] > held.clamped, held.rod.position[b], held.rod.rotation[b], force, moment)
     gap, rows = tip_rows(held, b, tip)
     total = f64(0.0)
     for j in range(3):
-        held.residual[b, j] = gap[j] - open * held.opening[b, j]
-        held.residual[b, 3 + j] = rows[j] - open * held.opening[b, 3 + j]
+        held.problem.residual[b, j] = gap[j] - open * held.opening[b, j]
+        held.problem.residual[b, 3 + j] = rows[j] - open * held.opening[b, 3 + j]
         total += wp.abs(gap[j]) + wp.abs(rows[j])
     for i in range(wp.static(POSE), m):
-        held.residual[b, i] = held.rod_residual[b, i] - open * held.opening[b, i]
+        held.problem.residual[b, i] = held.rod.residual[b, i] - open * held.opening[b, i]
     for j in range(held.turns):
-        held.residual[b, m + j] = bent * wp.dot(held.base_axes[j], base_moment(held, b)) - open * held.opening[b, m + j]
+        held.problem.residual[b, m + j] = bent * wp.dot(held.base_axes[j], base_moment(held, b)) - open * held.opening[b, m + j]
 
     for k in range(m + held.direction_count + held.turns):
-        dp = column(held.rod_pose_columns, b, 0, k)
-        tip_turn = column(held.rod_pose_columns, b, 3, k)
-        dn = column(held.wrench_columns, b, 0, k)
-        dm = column(held.wrench_columns, b, 3, k)
+        dp = column(held.rod.pose_columns, b, 0, k)
+        tip_turn = column(held.rod.pose_columns, b, 3, k)
+        dn = column(held.wrench.columns, b, 0, k)
+        dm = column(held.wrench.columns, b, 3, k)
         d = int(-1)
         if k >= m + held.direction_count:
             # (9) the rod turns with its base as one
             a = turn_axis(held, b, k - m - held.direction_count)
-            dp += wp.cross(a, held.rod_position[b] - held.base_position[b])
+            dp += wp.cross(a, held.rod.position[b] - held.base_position[b])
             tip_turn += a
             dn += wp.cross(a, force)
             dm += wp.cross(a, moment)
         elif k >= m:
             d = k - m
-        if held.pose_columns.shape[2] > 1:
+        if held.problem.pose_columns.shape[2] > 1:
             place = k
             if k >= m + held.direction_count:
                 place = k - held.direction_count
             elif k >= m:
                 place = k + held.turns
-            write_rows(held.pose_columns, b, 0, place, dp, tip_turn)
+            write_rows(held.problem.pose_columns, b, 0, place, dp, tip_turn)
         db = zero
         if k < 3:
             db[k] = held.stiffness[b]
@@ -416,18 +394,18 @@ def hold(held: Held):
             write_entry(held, b, 3 + j, k, change[j])
         for i in range(wp.static(POSE), m):
             if k < m:
-                held.gamma[b, i, k] = held.rod_gamma[b, i, k]
+                held.problem.gamma[b, i, k] = held.rod.gamma[b, i, k]
             else:
-                write_entry(held, b, i, k, held.rod_residual_directions[b, i, k - m])
+                write_entry(held, b, i, k, held.rod.residual_directions[b, i, k - m])
         for j in range(held.turns):
             write_entry(held, b, m + j, k, bent * wp.dot(held.base_axes[j], db))
-    held.position[b] = held.rod_position[b]
-    held.rotation[b] = held.rod_rotation[b]
-    fault = held.rod_fault[b]
+    held.problem.position[b] = held.rod.position[b]
+    held.problem.rotation[b] = held.rod.rotation[b]
+    fault = held.rod.fault[b]
     if fault == 0 and not wp.isfinite(total):
         fault = 1
-    held.fault[b] = fault
-    held.step_count[b] = held.rod_step_count[b]
+    held.problem.fault[b] = fault
+    held.problem.step_count[b] = held.rod.step_count[b]
 
 
 @wp.struct
@@ -451,7 +429,7 @@ def hold_ends(held: Held, ends: Ends):
     """(5), (7), (11) of rods that are known by their segments."""
     t = wp.tid()
     b = ends.instance[t]
-    open = f64(1.0) - held.load_factor[b]
+    open = f64(1.0) - held.problem.load_factor[b]
     force, moment = vector(ends.wrench, t, 0), vector(ends.wrench, t, 3)
     tip = tip_of(held, b, is_neutral(held, b), ends.position[t], ends.rotation[t], force, moment)
     gap, rows = tip_rows(held, b, tip)

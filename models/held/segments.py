@@ -65,7 +65,7 @@ class HeldSegments(BackboneSegments):
     square of the length and, where a residual at the end needs it, the moment at the base as the unknowns have it.
     """
 
-    own_arguments = (*BackboneSegments.own_arguments, "inputs", "directions", "tip_wrench", "wrench_columns")
+    own_arguments = (*BackboneSegments.own_arguments, "inputs", "directions")
     given_at_base = True
     end_held = True
     fewest_for_modes = 2  # before whose last the tip's own rotation is eliminated
@@ -89,15 +89,16 @@ class HeldSegments(BackboneSegments):
             [every[self._moment], every[drives], every[self._force], every[self._rotation][: held.turns]]
         )
         columns = own_size + max(held.direction_count, 1)
-        shapes: dict[str, tuple[int, ...]] = {"tip_wrench": (6,), "wrench_columns": (6, columns), "inputs": (rod.input_count,)}
-        shapes["directions"] = (max(held.direction_count, 1), rod.input_count)
-        for name, shape in shapes.items():
-            setattr(call, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
+        call.problem.inputs = wp.zeros((count, rod.input_count), dtype=wp.float64, device=device)
+        shape = (count, max(held.direction_count, 1), rod.input_count)
+        call.problem.directions = wp.zeros(shape, dtype=wp.float64, device=device)
+        call.wrench.values = wp.zeros((count, 6), dtype=wp.float64, device=device)
+        call.wrench.columns = wp.zeros((count, 6, columns), dtype=wp.float64, device=device)
         table: Any = kernels.Held()
         for name in held.table._cls.vars:
             setattr(table, name, getattr(held.table, name))
-        table.load_factor, table.unknowns = (
-            call.load_factor,
+        table.problem.load_factor, table.problem.unknowns = (
+            call.problem.load_factor,
             wp.zeros((count, held.unknown_count), dtype=wp.float64, device=device),
         )
         self._held = table
@@ -169,7 +170,7 @@ class HeldSegments(BackboneSegments):
         begin = self._beginning(chosen, cuts.unknowns, level)
         m, along, last = held.rod.unknown_count, held.table.along, held.table.rod_inputs
         given = held.read("inputs")
-        arrays = {name: getattr(call, name).numpy() for name in ("load_factor", "unknowns", "inputs", "directions")}
+        arrays = {name: getattr(call.problem, name).numpy() for name in ("load_factor", "unknowns", "inputs", "directions")}
         arrays["load_factor"][chosen] = level
         arrays["unknowns"][chosen, self._drives] = cuts.unknowns[:, 3 : m - 3]
         arrays["unknowns"][chosen, self._force] = begin.force
@@ -178,12 +179,12 @@ class HeldSegments(BackboneSegments):
             values[chosen, ..., 1] = mine[..., 1]
             values[chosen, ..., along:last] = mine[..., along:last]
             values[chosen, ..., last] = mine[..., -1]
-        whole = self._held.unknowns.numpy()
+        whole = self._held.problem.unknowns.numpy()
         whole[chosen] = cuts.unknowns
         if not wp.get_device(self.device).is_cpu:
             for name, values in arrays.items():
-                getattr(call, name).assign(values)
-            self._held.unknowns.assign(whole)
+                getattr(call.problem, name).assign(values)
+            self._held.problem.unknowns.assign(whole)
         owner, states = cuts.owner, cuts.states.copy()
         at_base = np.flatnonzero(cuts.start == 0)
         states[at_base] = begin.states[owner[at_base]]
@@ -238,7 +239,7 @@ class HeldSegments(BackboneSegments):
         result = np.zeros((len(chosen), 15, d + K))
         result[:, :3] = scale**2 * base @ transition[last][:, self._position]
         result[:, 3:6] = scale * (base @ tip) @ transition[last][:, self._rotation]
-        wrench = self._call.wrench_columns.numpy()[chosen]
+        wrench = self._call.wrench.columns.numpy()[chosen]
         result[:, 6:12, :own_size] = wrench[:, :, :own_size]
         result[:, 6:12, d:] = wrench[:, :, own_size : own_size + K]
         if self._base_moment.stop > self._base_moment.start:
@@ -255,7 +256,7 @@ class HeldSegments(BackboneSegments):
         R, p = self._base(chosen)
         position = p + np.einsum("bij,bj->bi", R, end[last][:, self._state.places["position"]])
         ends: Any = kernels.Ends()
-        wrench = call.tip_wrench.numpy()[chosen]
+        wrench = call.wrench.values.numpy()[chosen]
         given = {"position": (position, wp.vec3d), "rotation": (R @ self._matrices(end[last]), wp.mat33d)}
         given |= {"wrench": (wrench, wp.float64), "columns": (at_tip, wp.float64), "instance": (chosen, wp.int32)}
         for name, (values, kind) in given.items():
@@ -268,9 +269,9 @@ class HeldSegments(BackboneSegments):
         opening = (1 - level)[:, None] * held.table.opening.numpy()[chosen]
         if m > 6:
             rows = slice(self._drives.start + 3, self._drives.start + 3 + m - 6)
-            residual[:, 6:m] = call.residual.numpy()[chosen, rows] - opening[:, 6:m]
-            columns[:, 6:m, :own_size] = call.gamma.numpy()[chosen, rows]
-            columns[:, 6:m, d:] = call.residual_directions.numpy()[chosen, rows, :K]
+            residual[:, 6:m] = call.problem.residual.numpy()[chosen, rows] - opening[:, 6:m]
+            columns[:, 6:m, :own_size] = call.problem.gamma.numpy()[chosen, rows]
+            columns[:, 6:m, d:] = call.problem.residual_directions.numpy()[chosen, rows, :K]
         if held.turns:
             axes = held.holders.base_axes
             residual[:, m:] = cuts.unknowns[:, :3] @ axes.T - opening[:, m:]
@@ -308,7 +309,7 @@ class HeldSegments(BackboneSegments):
         """Force and moment on the tips of these instances, in the world, shape (len(points), 6)."""
         cuts = Cuts.of_points(points)
         self.propagate(cuts, np.ones(len(points)))
-        return np.array(self._call.tip_wrench.numpy()[cuts.instances])
+        return np.array(self._call.wrench.values.numpy()[cuts.instances])
 
     def condensed_form(self, points: dict[int, Breakpoints]) -> CondensedForm:
         """(12), (14) As a function of the angles of the base's joint, then the moment and the force on the tip."""
@@ -339,7 +340,7 @@ class HeldSegments(BackboneSegments):
         R = self._base(chosen)[0]
         frames, ends = (R[cuts.owner] @ self._matrices(states) for states in (cuts.states, found["end_state"]))
         scale, stiffness = self._scale[chosen], self.held.stiffness[chosen]
-        moment = self._call.tip_wrench.numpy()[chosen, 3:]
+        moment = self._call.wrench.values.numpy()[chosen, 3:]
         units = HeldUnits(self._stiffness[chosen], scale, stiffness, R)
         form.put(np.flatnonzero(few), compliance_by_segments(T, frames, ends, first, units, moment))
         return form

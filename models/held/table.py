@@ -19,7 +19,9 @@ def make_table(problem: "HeldProblem", pieces: int) -> Any:
     """The argument of ``held_kernels``, on the buffers of a problem whose rod is in so many pieces."""
     holders, rod, count, device = problem.holders, problem.rod, problem.instance_count, problem.device
     held: Any = kernels.Held()
-    problem.share(held)
+    problem.share(held.problem)
+    rod.share(held.rod)
+    held.wrench.values, held.wrench.columns = rod.tip_wrench, rod.wrench_columns
     held.unknown_count, held.rod_unknowns, held.turns = problem.unknown_count, rod.unknown_count, problem.turns
     held.direction_count = problem.direction_count
     held.rod_inputs = rod.input_count - 1
@@ -45,11 +47,6 @@ def make_table(problem: "HeldProblem", pieces: int) -> Any:
     held.alike = array(problem.alike, wp.int32)
     held.neutral = wp.zeros(count, dtype=wp.int32, device=device)
     held.clamped = int(pieces > 1)
-    for name in ("active", "load_factor", "directions", "fault", "step_count", "residual", "gamma", "residual_directions"):
-        setattr(held, f"rod_{name}", getattr(rod, name))
-    held.rod_unknowns_at, held.rod_inputs_at = rod.unknowns, rod.inputs
-    held.rod_position, held.rod_rotation, held.rod_pose_columns = rod.position, rod.rotation, rod.pose_columns
-    held.wrench, held.wrench_columns = rod.tip_wrench, rod.wrench_columns
     held.base_position, held.base_rotation = rod.table.base_position, rod.table.base_rotation
     return held
 

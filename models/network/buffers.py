@@ -11,6 +11,7 @@ from multirod.models.network.elements import records
 from multirod.models.network.elements.elements import POSE
 from multirod.models.network.elements.groups import ALONG, ON_RODS
 from multirod.models.network.places import FIXED, FOLLOWING, LOADED, PER_ROD
+from multirod.problem.buffers import BUFFERS
 
 if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
@@ -29,8 +30,7 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     own.effector_rod = -1 if problem.effector_rod is None else problem.effector_rod
     frame = problem.effector_frame
     own.effector_position, own.effector_rotation = wp.vec3d(*frame[:3, 3]), wp.mat33d(*frame[:3, :3].reshape(-1))
-    names = ("order", "active", "load_factor", "unknowns", "inputs", "directions", "fault", "step_count", "residual")
-    problem.share(own, (*names, "residual_directions", "position", "rotation", "pose_columns"))
+    problem.share(own.problem, [name for name in BUFFERS if name != "gamma"])
     own.numbers = problem._field("gamma", (entries.count,))
     own.rotation_at, own.translation_at = (problem.input_slice(name).start for name in PER_ROD)
     own.force_at, own.moment_at = (problem.input_slice(name).start for name in LOADED)

@@ -9,8 +9,8 @@ of the arrays: one kernel each serves all networks.
 
 import warp as wp
 
-from multirod.models.joint_kernels import column_of, vector
-from multirod.models.network.elements.end_kernels import along, end_at, extension, level_of
+from multirod.models.joint_kernels import along, column_of, load_level, vector
+from multirod.models.network.elements.end_kernels import end_at, extension
 from multirod.models.network.elements.records import ALONG_VECTORS, POSE, ROD_VECTORS, TIP_POSE_AT, TURNING, Networks, RodGroup
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 from multirod.status import Fault
@@ -23,15 +23,15 @@ f64 = wp.float64
 @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
 def stand(net: Networks):
     """(4) Poses of the bodies, and (11) what acts on them."""
-    b = net.order[wp.tid()]
-    if net.active[b] == 0:
+    b = net.problem.order[wp.tid()]
+    if net.problem.active[b] == 0:
         return
-    level = level_of(net, b)
-    gravity = vector(net.inputs, b, net.along_at + 6)
+    level = load_level(net.loading[b], net.problem.load_factor[b])
+    gravity = vector(net.problem.inputs, b, net.along_at + 6)
     for k in range(net.fixed_count):  # (34)
         at = net.body_count + 1 + k
-        a = vector(net.inputs, b, net.fixed_at + 3 * (net.fixed_count + k))
-        net.body_position[b, at] = net.fixed_position[b, k] + vector(net.inputs, b, net.fixed_at + 3 * k)
+        a = vector(net.problem.inputs, b, net.fixed_at + 3 * (net.fixed_count + k))
+        net.body_position[b, at] = net.fixed_position[b, k] + vector(net.problem.inputs, b, net.fixed_at + 3 * k)
         net.body_rotation[b, at] = rotation_from_vector(a) * net.fixed_rotation[b, k]
         net.body_turns[b, at] = left_jacobian(a)
     for k in range(net.body_count):
@@ -39,10 +39,10 @@ def stand(net: Networks):
         EI = net.stiffness[b, net.rod_count + k]
         first = net.first_pose + wp.static(POSE) * k
         axes = net.reference_rotation[b, k]
-        a = L * vector(net.unknowns, b, first + 3)
+        a = L * vector(net.problem.unknowns, b, first + 3)
         rotation = axes * rotation_from_vector(a)
         turns = L * (axes * left_jacobian(a))
-        net.body_position[b, k + 1] = net.reference_position[b, k] + (L * L) * (axes * vector(net.unknowns, b, first))
+        net.body_position[b, k + 1] = net.reference_position[b, k] + (L * L) * (axes * vector(net.problem.unknowns, b, first))
         net.body_rotation[b, k + 1] = rotation
         net.body_turns[b, k + 1] = turns
         inward = wp.transpose(axes)
@@ -52,10 +52,10 @@ def stand(net: Networks):
         weight = (level * mass) * gravity
         centre = rotation * net.mass_centre[k]
         # (28)
-        pushes = rotation * (level * vector(net.inputs, b, net.follower_force_at + 3 * k))
-        twists = rotation * (level * vector(net.inputs, b, net.follower_moment_at + 3 * k))
-        push = pull * (inward * (level * vector(net.inputs, b, net.force_at + 3 * k) + weight + pushes))
-        moment = level * vector(net.inputs, b, net.moment_at + 3 * k) + wp.cross(centre, weight) + twists
+        pushes = rotation * (level * vector(net.problem.inputs, b, net.follower_force_at + 3 * k))
+        twists = rotation * (level * vector(net.problem.inputs, b, net.follower_moment_at + 3 * k))
+        push = pull * (inward * (level * vector(net.problem.inputs, b, net.force_at + 3 * k) + weight + pushes))
+        moment = level * vector(net.problem.inputs, b, net.moment_at + 3 * k) + wp.cross(centre, weight) + twists
         moment = twist * (inward * moment)
         push_by_turn = -pull * (inward * (wp.skew(pushes) * turns))
         by_turn = twist * (inward * ((wp.skew(weight) * wp.skew(centre) - wp.skew(twists)) * turns))
@@ -67,11 +67,11 @@ def stand(net: Networks):
                 net.load_turns[b, k, i, j] = push_by_turn[i, j]
                 net.load_turns[b, k, 3 + i, j] = by_turn[i, j]
         for d in range(net.direction_count):
-            heave = mass * along(net, b, d, net.along_at + 6)
-            pushes = rotation * along(net, b, d, net.follower_force_at + 3 * k)
-            push = pull * (inward * (along(net, b, d, net.force_at + 3 * k) + heave + pushes))
-            moment = along(net, b, d, net.moment_at + 3 * k) + wp.cross(centre, heave)
-            moment += rotation * along(net, b, d, net.follower_moment_at + 3 * k)
+            heave = mass * along(net.problem.directions, b, d, net.along_at + 6)
+            pushes = rotation * along(net.problem.directions, b, d, net.follower_force_at + 3 * k)
+            push = pull * (inward * (along(net.problem.directions, b, d, net.force_at + 3 * k) + heave + pushes))
+            moment = along(net.problem.directions, b, d, net.moment_at + 3 * k) + wp.cross(centre, heave)
+            moment += rotation * along(net.problem.directions, b, d, net.follower_moment_at + 3 * k)
             moment = twist * (inward * moment)
             for i in range(3):
                 net.load_directions[b, at + i, d] = push[i]
@@ -81,62 +81,64 @@ def stand(net: Networks):
 @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
 def hand_over(net: Networks, group: RodGroup):
     """(6), (20) Unknowns, inputs and directions of the networks to their rods."""
-    t = group.order[wp.tid()]
+    t = group.problem.order[wp.tid()]
     b = t // group.count
-    group.active[t] = net.active[b]
-    if net.active[b] == 0:
+    group.problem.active[t] = net.problem.active[b]
+    if net.problem.active[b] == 0:
         return
     rod = group.rod[t % group.count]
-    level = level_of(net, b)
-    group.load_factor[t] = level
+    level = load_level(net.loading[b], net.problem.load_factor[b])
+    group.problem.load_factor[t] = level
     for i in range(group.unknown_count):
-        group.unknowns[t, i] = net.unknowns[b, net.variable[rod, i]]
+        group.problem.unknowns[t, i] = net.problem.unknowns[b, net.variable[rod, i]]
     own = net.owner[rod]
     n = group.rods
     for i in range(n):
         if net.shared[rod] == 0:
-            group.inputs[t, i] = net.inputs[b, net.rotation_at + own + i]
-        group.inputs[t, n + i] = net.inputs[b, net.translation_at + own + i]
+            group.problem.inputs[t, i] = net.problem.inputs[b, net.rotation_at + own + i]
+        group.problem.inputs[t, n + i] = net.problem.inputs[b, net.translation_at + own + i]
     if net.holes != 0:
         longer = extension(net, b, rod)
-        group.inputs[t, 1] = wp.where(longer <= -net.length[b, rod], f64(0.0), longer)
+        group.problem.inputs[t, 1] = wp.where(longer <= -net.length[b, rod], f64(0.0), longer)
     for i in range(group.drive_count):
         drive = group.drive[t % group.count, i]
-        group.inputs[t, group.drives_at + i] = net.inputs[b, drive]
+        group.problem.inputs[t, group.drives_at + i] = net.problem.inputs[b, drive]
     end = end_at(net, b, rod, 0)
     back = wp.transpose(end.rotation)
     first = wp.static(TURNING) * group.turns
     for v in range(wp.static(ALONG_VECTORS)):
         at = group.along_at + 3 * v
         own_at = net.rod_at + 3 * (v * net.rods_given + net.whole[rod])
-        given = vector(net.inputs, b, net.along_at + 3 * v)
+        given = vector(net.problem.inputs, b, net.along_at + 3 * v)
         if v < wp.static(ROD_VECTORS):
-            given += vector(net.inputs, b, own_at)
+            given += vector(net.problem.inputs, b, own_at)
         local = back * given
         for i in range(3):
-            group.inputs[t, at + i] = local[i]
+            group.problem.inputs[t, at + i] = local[i]
         if group.turns != 0:
             by_turn = level * wp.skew(local)
             for j in range(3):
                 for i in range(3):
-                    group.directions[t, j, at + i] = by_turn[i, j]
+                    group.problem.directions[t, j, at + i] = by_turn[i, j]
         for d in range(net.direction_count):
-            change = along(net, b, d, net.along_at + 3 * v)
+            change = along(net.problem.directions, b, d, net.along_at + 3 * v)
             if v < wp.static(ROD_VECTORS):
-                change += along(net, b, d, own_at)
+                change += along(net.problem.directions, b, d, own_at)
             local = back * change
             for i in range(3):
-                group.directions[t, first + d, at + i] = local[i]
+                group.problem.directions[t, first + d, at + i] = local[i]
     for d in range(net.direction_count):
         for i in range(n):
             if net.shared[rod] == 0:
-                group.directions[t, first + d, i] = net.directions[b, d, net.rotation_at + own + i]
-            group.directions[t, first + d, n + i] = net.share[rod] * net.directions[b, d, net.translation_at + own + i]
+                group.problem.directions[t, first + d, i] = net.problem.directions[b, d, net.rotation_at + own + i]
+            group.problem.directions[t, first + d, n + i] = (
+                net.share[rod] * net.problem.directions[b, d, net.translation_at + own + i]
+            )
         for i in range(group.drive_count):
             drive = group.drive[t % group.count, i]
-            group.directions[t, first + d, group.drives_at + i] = net.directions[b, d, drive]
+            group.problem.directions[t, first + d, group.drives_at + i] = net.problem.directions[b, d, drive]
     if group.slides != 0:
-        group.directions[t, group.direction_count - 1, 1] = f64(1.0)
+        group.problem.directions[t, group.direction_count - 1, 1] = f64(1.0)
 
 
 # ---- sums ----
@@ -148,12 +150,12 @@ def add_up_pose(net: wp.ref[Networks], b: int):
     rod = net.effector_rod
     if rod < 0:
         R = net.body_rotation[b, net.effector]
-        net.position[b] = net.body_position[b, net.effector] + R * net.effector_position
-        net.rotation[b] = R * net.effector_rotation
+        net.problem.position[b] = net.body_position[b, net.effector] + R * net.effector_position
+        net.problem.rotation[b] = R * net.effector_rotation
     else:
-        net.position[b] = net.tip_position[b, rod]
-        net.rotation[b] = net.tip_rotation[b, rod]
-    if net.pose_columns.shape[2] == 1:
+        net.problem.position[b] = net.tip_position[b, rod]
+        net.problem.rotation[b] = net.tip_rotation[b, rod]
+    if net.problem.pose_columns.shape[2] == 1:
         return
     if rod < 0:
         body = net.effector - 1
@@ -163,29 +165,29 @@ def add_up_pose(net: wp.ref[Networks], b: int):
         for k in range(3):
             moved = wp.cross(column_of(net.body_turns[b, body + 1], k), arm)
             for i in range(3):
-                net.pose_columns[b, i, at + k] = (L * L) * net.reference_rotation[b, body][i, k]
-                net.pose_columns[b, i, at + 3 + k] = moved[i]
-                net.pose_columns[b, 3 + i, at + 3 + k] = net.body_turns[b, body + 1][i, k]
+                net.problem.pose_columns[b, i, at + k] = (L * L) * net.reference_rotation[b, body][i, k]
+                net.problem.pose_columns[b, i, at + 3 + k] = moved[i]
+                net.problem.pose_columns[b, 3 + i, at + 3 + k] = net.body_turns[b, body + 1][i, k]
         return
     for i in range(6):
         row = net.size + wp.static(TIP_POSE_AT) + i
         for k in range(net.size):
             place = net.variable[rod, k]
             if place >= 0:
-                net.pose_columns[b, i, place] = net.element[b, rod, row, k]
+                net.problem.pose_columns[b, i, place] = net.element[b, rod, row, k]
         for k in range(net.direction_count):
-            net.pose_columns[b, i, net.unknown_count + k] = net.element[b, rod, row, net.size + k]
+            net.problem.pose_columns[b, i, net.unknown_count + k] = net.element[b, rod, row, net.size + k]
 
 
 @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
 def add_up(net: Networks):
     """(5) to (12) Residual, ``Gamma`` and the end effector."""
-    b = net.order[wp.tid()]
-    if net.active[b] == 0:
+    b = net.problem.order[wp.tid()]
+    if net.problem.active[b] == 0:
         return
     n = net.unknown_count
     d = net.direction_count
-    open = f64(1.0) - net.load_factor[b]
+    open = f64(1.0) - net.problem.load_factor[b]
     size = f64(0.0)
     fault = int(0)
     steps = int(0)
@@ -199,7 +201,7 @@ def add_up(net: Networks):
         if i >= net.first_pose:
             total -= net.load[b, i - net.first_pose]
         total -= open * net.opening[b, i]
-        net.residual[b, i] = total
+        net.problem.residual[b, i] = total
         size += wp.abs(total)
         for k in range(d):
             total = f64(0.0)
@@ -207,7 +209,7 @@ def add_up(net: Networks):
                 total += net.element[b, net.row_rod[e], net.row_row[e], net.size + k]
             if i >= net.first_pose:
                 total -= net.load_directions[b, i - net.first_pose, k]
-            net.residual_directions[b, i, k] = total
+            net.problem.residual_directions[b, i, k] = total
     for p in range(net.number_place.shape[0]):
         total = f64(0.0)
         for e in range(net.number_start[p], net.number_start[p + 1]):
@@ -221,6 +223,6 @@ def add_up(net: Networks):
                 net.numbers[b, at] = net.numbers[b, at] - net.load_turns[b, k, i, j]
     if not wp.isfinite(size) and fault == 0:
         fault = wp.static(int(Fault.NONFINITE))
-    net.fault[b] = fault
-    net.step_count[b] = steps
+    net.problem.fault[b] = fault
+    net.problem.step_count[b] = steps
     add_up_pose(net, b)

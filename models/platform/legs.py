@@ -62,8 +62,8 @@ class LegGroup:
             ("first_unknown", geometry.first_unknown[list(self.members)]),
         ):
             setattr(legs, name, wp.array(np.asarray(values, dtype=np.int32), dtype=wp.int32, device=device))
-        own.share(legs)
-        legs.wrench, legs.wrench_columns = own.tip_wrench, own.wrench_columns
+        own.share(legs.problem)
+        legs.wrench.values, legs.wrench.columns = own.tip_wrench, own.wrench_columns
         legs.to_base = wp.array(np.swapaxes(base[..., :3, :3], -1, -2).reshape(-1, 3, 3), dtype=wp.mat33d, device=device)
         self.table = legs
 

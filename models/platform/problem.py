@@ -164,7 +164,7 @@ class ParallelProblem(BoundaryProblem):
         robots.direction_count = self.direction_count
         robots.leg_direction_count = self.leg_direction_count
         robots.inverse = int(self.inverse)
-        self.share(robots)
+        self.share(robots.problem)
 
         def batched(values: FloatArray, tail: tuple[int, ...]) -> FloatArray:
             """Rows for all instances, or one where none varies."""

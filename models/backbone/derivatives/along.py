@@ -12,6 +12,7 @@ import warp as wp
 from multirod.launch import record
 from multirod.models.backbone.derivatives.along_kernels import curvatures
 from multirod.models.backbone.kernels.layout.layout import Layout
+from multirod.models.backbone.passes.buffers import holder
 from multirod.rotations import cross
 from multirod.validation import FloatArray
 
@@ -73,13 +74,14 @@ class AlongPass:
         }
         for name, shape in shapes.items():
             if not (shared and name in SHARED):
-                setattr(self._call, name, wp.zeros((batch, *shape), dtype=wp.float64, device=device))
+                setattr(holder(self._call, name), name, wp.zeros((batch, *shape), dtype=wp.float64, device=device))
         if not shared:
-            self._call.position = wp.zeros(batch, dtype=wp.vec3d, device=device)
-            self._call.rotation = wp.zeros(batch, dtype=wp.mat33d, device=device)
+            own, wrench = self._call.problem, self._call.wrench
+            own.position = wp.zeros(batch, dtype=wp.vec3d, device=device)
+            own.rotation = wp.zeros(batch, dtype=wp.mat33d, device=device)
             if problem.held:
-                self._call.tip_wrench = wp.zeros((batch, 6), dtype=wp.float64, device=device)
-                self._call.wrench_columns = wp.zeros((batch, 6, columns), dtype=wp.float64, device=device)
+                wrench.values = wp.zeros((batch, 6), dtype=wp.float64, device=device)
+                wrench.columns = wp.zeros((batch, 6, columns), dtype=wp.float64, device=device)
         self._bending: dict[int, tuple[Any, Any, FloatArray | None]] = {}
         self._launch = problem.lane_pass(features, self._call, columns=(n, problem.direction_count))
 

@@ -32,13 +32,13 @@ def make_design_grid(layout: Layout, memory: Memory, W: int, d, grid: SimpleName
     COLUMNS, COLUMN_SIZE, GIVEN = memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
     given = layout.given
     UNIT, SHIFT, CURVING, SOFTENING = given["unit"], given["shift"], given["curving"], given["softening"]
-    section_from, section_end, set_number = grid.section_from, grid.section_end, grid.set_number
+    section_from, section_at, section_end, set_number = grid.section_from, grid.section_at, grid.section_end, grid.set_number
     find_end, load_directions = grid.find_end, grid.load_directions
 
     @wp.func
     def piece_of(call: wp.ref[Call], i: int, m: int) -> int:
         """Where section m of rod i begins in a direction; the last of the rod where m is negative."""
-        count = (call.directions.shape[2] - wp.static(FIRST)) // wp.static(n * SIZE)
+        count = (call.problem.directions.shape[2] - wp.static(FIRST)) // wp.static(n * SIZE)
         if m < 0:
             return wp.static(FIRST) + (i * count + count - 1) * wp.static(SIZE)
         return wp.static(FIRST) + (i * count + m) * wp.static(SIZE)
@@ -50,8 +50,8 @@ def make_design_grid(layout: Layout, memory: Memory, W: int, d, grid: SimpleName
             return f64(0.0)
         i = mover % wp.static(n)
         piece = piece_of(call, i, mover // wp.static(n) - 1)
-        pushed = call.directions[case.direction, k, wp.static(TRANSLATION) + i]
-        return pushed + call.directions[case.direction, k, piece + wp.static(END_AT)]
+        pushed = call.problem.directions[case.direction, k, wp.static(TRANSLATION) + i]
+        return pushed + call.problem.directions[case.direction, k, piece + wp.static(END_AT)]
 
     @wp.func
     def mass_rate_with_design(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64, k: int) -> f64:
@@ -106,22 +106,21 @@ def make_design_grid(layout: Layout, memory: Memory, W: int, d, grid: SimpleName
                 unit = f64(get_lane(memory, g + wp.static(UNIT), l))
                 j = case.direction
                 for i in range(rods.end.shape[1]):
-                    m = section_from(rods, call, case, i, call.lane[p, START])
-                    present = f64(1.0)
-                    if m == rods.end.shape[2]:
-                        present = f64(0.0)
-                        m = rods.end.shape[2] - 1
+                    m, present = section_at(rods, call, case, i, call.lane[p, START])
                     piece = piece_of(call, i, m)
-                    shift = call.directions[j, k, wp.static(TRANSLATION) + i] + call.directions[j, k, piece + wp.static(SHIFT_AT)]
+                    shift = (
+                        call.problem.directions[j, k, wp.static(TRANSLATION) + i]
+                        + call.problem.directions[j, k, piece + wp.static(SHIFT_AT)]
+                    )
                     set_number(memory, g + wp.static(SHIFT) + i, l, shift / (case.unit * unit))
                     for q in range(wp.static(TERMS)):
-                        change = case.unit * call.directions[j, k, piece + wp.static(CURVE) + q] / unit
+                        change = case.unit * call.problem.directions[j, k, piece + wp.static(CURVE) + q] / unit
                         set_number(memory, g + wp.static(CURVING) + i * wp.static(TERMS) + q, l, change)
                     for q in range(3):
-                        change = call.directions[j, k, piece + wp.static(SOFTNESS) + q] / unit
+                        change = call.problem.directions[j, k, piece + wp.static(SOFTNESS) + q] / unit
                         if wp.static(SEVERAL):
                             if q < 2:
-                                change = present * call.directions[j, k, piece + wp.static(BENDING) + q]
+                                change = present * call.problem.directions[j, k, piece + wp.static(BENDING) + q]
                                 change /= case.stiffness * unit
                         set_number(memory, g + wp.static(SOFTENING) + 3 * i + q, l, change)
 

@@ -18,7 +18,7 @@ class Instance:
 
     index: int  # in the batch
     rods: int  # row of ``RodTable``
-    direction: int  # row of ``Call.directions``
+    direction: int  # row of ``ProblemArrays.directions``
     base_position: wp.vec3d
     base_rotation: wp.mat33d
     to_base: wp.mat33d  # its transpose
@@ -62,25 +62,31 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
     @wp.func
     def load_vector(call: wp.ref[Call], t: int, first: int) -> wp.vec3d:
         """A load as it acts: the load factor included."""
-        return call.load_factor[t] * wp.vec3d(call.inputs[t, first], call.inputs[t, first + 1], call.inputs[t, first + 2])
+        return call.problem.load_factor[t] * wp.vec3d(
+            call.problem.inputs[t, first], call.problem.inputs[t, first + 1], call.problem.inputs[t, first + 2]
+        )
 
     @wp.func
     def direction_vector(call: wp.ref[Call], case: wp.ref[Instance], k: int, first: int) -> wp.vec3d:
         """Part of direction k, of a load as it acts."""
         j = case.direction
-        return wp.vec3d(call.directions[j, k, first], call.directions[j, k, first + 1], call.directions[j, k, first + 2])
+        return wp.vec3d(
+            call.problem.directions[j, k, first],
+            call.problem.directions[j, k, first + 1],
+            call.problem.directions[j, k, first + 2],
+        )
 
     @wp.func
     def moved(call: wp.ref[Call], case: wp.ref[Instance], k: int, mover: int) -> f64:
         """How direction k moves a node with its mover."""
         if mover < 0:
             return f64(0.0)
-        return call.directions[case.direction, k, wp.static(TRANSLATION) + mover]
+        return call.problem.directions[case.direction, k, wp.static(TRANSLATION) + mover]
 
     @wp.func
     def section_end(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int, m: int) -> f64:
         """Where section m of rod i ends."""
-        return rods.end[case.rods, i, m] + call.inputs[case.index, wp.static(TRANSLATION) + i]
+        return rods.end[case.rods, i, m] + call.problem.inputs[case.index, wp.static(TRANSLATION) + i]
 
     @wp.func
     def rod_end(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int) -> f64:
@@ -93,6 +99,15 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
         while m < rods.end.shape[2] and section_end(rods, call, case, i, wp.min(m, rods.end.shape[2] - 1)) <= s:
             m += int(1)
         return m
+
+    @wp.func
+    def section_at(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int, s: f64):
+        """The section of rod i at s, and 1; where the rod has ended its last, and 0: so much of its material is present."""
+        section = section_from(rods, call, case, i, s)
+        present = f64(1.0)
+        if section == rods.end.shape[2]:
+            present = f64(0.0)
+        return wp.min(section, rods.end.shape[2] - 1), present
 
     @wp.func(inline=False)
     def load_instance(rods: wp.ref[RodTable], call: wp.ref[Call], t: int) -> Instance:
@@ -115,7 +130,7 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
         case.distributed_force = case.to_base * load_vector(call, t, DISTRIBUTED_FORCE)
         case.distributed_moment = case.to_base * load_vector(call, t, DISTRIBUTED_MOMENT)
         case.gravity = case.to_base * load_vector(call, t, GRAVITY)
-        case.profile_factor = call.load_factor[t] * call.inputs[t, PROFILE_FACTOR]
+        case.profile_factor = call.problem.load_factor[t] * call.problem.inputs[t, PROFILE_FACTOR]
         case.unit = f64(1.0)
         case.stiffness = f64(1.0)
         case.moment = f64(1.0)
@@ -136,5 +151,6 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
         section_end=section_end,
         rod_end=rod_end,
         section_from=section_from,
+        section_at=section_at,
         load_instance=load_instance,
     )

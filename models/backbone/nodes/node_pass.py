@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from multirod.kernels.warp_types import Struct
-from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
+from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS, holder
 from multirod.models.backbone.passes.lane_pass import LanePass
 
 Tool = TypeVar("Tool")
@@ -45,7 +45,7 @@ class NodePass:
     def read(self, name: str) -> NDArray[Any]:
         """An output, as it is until the next launch."""
         if name not in self._seen or not self._in_place:
-            self._seen[name] = getattr(self.call, name).numpy()
+            self._seen[name] = getattr(holder(self.call, name), name).numpy()
         found: NDArray[Any] = self._seen[name]
         return found
 
@@ -54,7 +54,7 @@ class NodePass:
         if self._in_place:
             self.read(name)[:] = values
         else:
-            target = getattr(self.call, name)
+            target = getattr(holder(self.call, name), name)
             target.assign(np.asarray(values, dtype=np.int32 if target.dtype is wp.int32 else np.float64))
 
     def clear(self) -> None:
@@ -65,7 +65,7 @@ class NodePass:
     def lose(self, instances: NDArray[np.bool_]) -> None:
         """Nothing is known of these instances: NaN but for where nodes are."""
         for name in self._outputs:
-            if name not in ("node_arclength", "column_arclength") and getattr(self.call, name).size:
+            if name not in ("node_arclength", "column_arclength") and getattr(holder(self.call, name), name).size:
                 values = np.array(self.read(name))
                 values[instances] = np.nan
                 self.write(name, values)

@@ -82,10 +82,11 @@ class NodePasses:
         problem, buffers = self.problem, self.problem.buffers
         call: Struct = buffers.call()
         buffers.own_ends(call, problem.unknown_count)
-        call.active, call.fault, call.step_count = (buffers.zeros(dtype=wp.int32) for _ in range(3))
+        own = call.problem
+        own.active, own.fault, own.step_count = (buffers.zeros(dtype=wp.int32) for _ in range(3))
         call.line_length = buffers.zeros(problem.drive_count)
         if problem.held:
-            call.tip_wrench = buffers.zeros(6)
+            call.wrench.values = buffers.zeros(6)
         launch = problem.lane_pass(replace(problem.features, pose=True), call, columns=(0, 0))
         return NodePass(call, launch, False, False, problem.on_host)
 
@@ -133,19 +134,19 @@ class NodePasses:
         features = judging(features) if columns else teller(features, problem.integrator) or without
         call: Struct = buffers.call(node_count)
         if unknowns is not None:
-            call.unknowns = buffers.array(unknowns)
+            call.problem.unknowns = buffers.array(unknowns)
         call.node_rod = len(problem.rods) if rod is None else rod
         m = features.unknown_count
         buffers.own_ends(call, m)
         if chosen:
-            call.active = buffers.zeros(dtype=wp.int32)
+            call.problem.active = buffers.zeros(dtype=wp.int32)
         if columns:
             nodes = node_count - 1 + problem.arrays.end[0].size + problem.table.profile_end.size
             call.column_arclength = buffers.zeros(nodes)
             call.column_arclength.fill_(np.nan)
             call.node_columns = buffers.zeros(nodes, m, m)
-            call.tip_columns, call.gamma = buffers.zeros(m, m), buffers.zeros(m, m)
-            call.pose_columns = buffers.zeros(6, m)
+            call.tip_columns, call.problem.gamma = buffers.zeros(m, m), buffers.zeros(m, m)
+            call.problem.pose_columns = buffers.zeros(6, m)
             call.line_length_columns = buffers.zeros(problem.drive_count, m)
         table = buffers.twisting_table() if columns else None
         launch = problem.lane_pass(features, call, table, columns=(m if columns else 0, 0))

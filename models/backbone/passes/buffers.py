@@ -10,6 +10,7 @@ from multirod.inputs import Inputs
 from multirod.kernels.warp_types import Array, Struct
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.rows import MATERIAL_SIZE
+from multirod.problem.buffers import BUFFERS
 from multirod.profile import DEGREE, interpolate
 from multirod.validation import FloatArray
 
@@ -58,11 +59,11 @@ class Buffers:
         """Arguments of a launch that writes where the problem's own does, and at nodes of its own."""
         problem, drive_count = self.problem, self.problem.drive_count
         call: Struct = Call()
-        problem.share(call)
+        problem.share(call.problem)
         call.line_length, call.line_length_columns = problem.line_length, problem.line_length_columns
-        call.pose_columns = problem.angle_columns
+        call.problem.pose_columns = problem.angle_columns
         if problem.held:
-            call.tip_wrench, call.wrench_columns = problem.tip_wrench, problem.wrench_columns
+            call.wrench.values, call.wrench.columns = problem.tip_wrench, problem.wrench_columns
         call.direction_stride = 1
         call.steps = float(problem.integrator.steps or 0)
         # nodes between base and tip ask for stretches of as few steps as one
@@ -87,8 +88,9 @@ class Buffers:
 
     def own_ends(self, call: Struct, unknown_count: int) -> None:
         """Give a launch outputs of its own at the tip, but for columns."""
-        call.residual = self.zeros(unknown_count)
-        call.position, call.rotation = self.zeros(dtype=wp.vec3d), self.zeros(dtype=wp.mat33d)
+        own = call.problem
+        own.residual = self.zeros(unknown_count)
+        own.position, own.rotation = self.zeros(dtype=wp.vec3d), self.zeros(dtype=wp.mat33d)
 
     def twisting_table(self) -> Struct:
         """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it, (8s)."""
@@ -104,6 +106,11 @@ class Buffers:
         table: Struct = self.table()
         table.material = self.array(material)
         return table
+
+
+def holder(call: Struct, name: str) -> Struct:
+    """The part of a launch's arguments that has an array of this name: its ``problem`` or itself."""
+    return call.problem if name in BUFFERS else call
 
 
 def step_multiple(steps: int) -> int:

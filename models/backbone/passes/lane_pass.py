@@ -63,7 +63,7 @@ def own(call: Struct) -> Struct:
 
 
 class LanePass:
-    """A launch over the instances that ``call.order`` lists, in portions, so that a batch can be brought to an end in between.
+    """A launch over the instances that the ``order`` in ``call`` lists, in portions: a batch can be brought to an end in between.
 
     Args:
         features: Of the kernel.
@@ -90,7 +90,7 @@ class LanePass:
     ) -> None:
         self._call = call = own(call)
         self._heed = heed
-        count = len(call.order)
+        count = len(call.problem.order)
         portion = max(1, min(longest, count))
         lanes = width(precision, device)
         call.unknown_columns, call.direction_columns = columns
@@ -105,7 +105,7 @@ class LanePass:
         self._launch = record(
             lambda: make_kernel(features, integrator.tableau, precision, lanes), self._threads, launch_arguments, device
         )
-        self._order, self._portion = call.order, portion
+        self._order, self._portion = call.problem.order, portion
         self._orders = self._portions(count)
         self._recorded = (self._launch,) if len(self._orders) == 1 else None
 
@@ -125,7 +125,7 @@ class LanePass:
             self._aim(self._orders[0])
 
     def _aim(self, order: Array) -> None:
-        self._call.order = order
+        self._call.problem.order = order
         self._launch.set_param_at_index(1, self._call)
         count = threads(self._call, len(order))
         if count != self._threads:
@@ -147,18 +147,18 @@ def refuse_narrow(call: Struct, features: Features, layout: Layout) -> None:
     """See that what a launch writes by rows and columns fits into its arrays: a kernel does not look."""
     m, unknowns, directions = features.unknown_count, call.unknown_columns, call.direction_columns
     columns, lengths = unknowns + directions, layout.LENGTHS
-    needed = {"residual": (m,), "gamma": (m, unknowns), "residual_directions": (m, directions)}
-    needed |= {"line_length": (lengths,), "line_length_columns": (lengths, columns)}
+    of_problem = {"residual": (m,), "gamma": (m, unknowns), "residual_directions": (m, directions)}
     if features.pose_sensitivities:
-        needed["pose_columns"] = (6, columns)
-    if features.held:
-        needed |= {"tip_wrench": (6,), "wrench_columns": (6, columns)}
+        of_problem["pose_columns"] = (6, columns)
+    at_tip = {"values": (6,), "columns": (6, columns)} if features.held else {}
+    own: dict[str, tuple[int, ...]] = {"line_length": (lengths,), "line_length_columns": (lengths, columns)}
     if features.node_columns and call.node_count:
-        needed |= {"node_columns": (1, m, unknowns), "tip_columns": (m, unknowns)}
-    for name, least in needed.items():
+        own |= {"node_columns": (1, m, unknowns), "tip_columns": (m, unknowns)}
+    parts = ((call.problem, of_problem), (call.wrench, at_tip), (call, own))
+    for part, name, least in ((part, *item) for part, needed in parts for item in needed.items()):
         if 0 in least:
             continue
-        room = getattr(call, name).shape[1:]
+        room = getattr(part, name).shape[1:]
         if any(has < needs for has, needs in zip(room, least, strict=True)):
             raise AssertionError(f"{name} of a launch has room for {room} numbers of an instance, and {least} are written")
 

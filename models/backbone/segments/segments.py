@@ -53,12 +53,13 @@ class BackboneSegments(Segments):
         self.unknown_places = of_whole(self._varied)
         count = problem.instance_count
         self.device = device = problem.device
-        self._call = call = problem.buffers.call()
-        call.load_factor = wp.ones(count, dtype=wp.float64, device=device)
-        call.unknowns = wp.zeros((count, d), dtype=wp.float64, device=device)
-        call.residual = wp.zeros((count, d), dtype=wp.float64, device=device)
-        call.gamma = wp.zeros((count, d, d), dtype=wp.float64, device=device)
-        call.residual_directions = wp.zeros((count, d, max(problem.direction_count, 1)), dtype=wp.float64, device=device)
+        self._call: Struct = problem.buffers.call()
+        own = self._call.problem
+        own.load_factor = wp.ones(count, dtype=wp.float64, device=device)
+        own.unknowns = wp.zeros((count, d), dtype=wp.float64, device=device)
+        own.residual = wp.zeros((count, d), dtype=wp.float64, device=device)
+        own.gamma = wp.zeros((count, d, d), dtype=wp.float64, device=device)
+        own.residual_directions = wp.zeros((count, d, max(problem.direction_count, 1)), dtype=wp.float64, device=device)
         self._stiffness = np.broadcast_to(unit_stiffness(problem.arrays.material[:, 0, 0]), (count, 3))
         self._precurvature = np.broadcast_to(problem.arrays.precurvature[:, 0, 0, :3], (count, 3))
         self._scale = np.broadcast_to(problem.arrays.end[:, 0, -1], (count,))
@@ -132,12 +133,13 @@ class BackboneSegments(Segments):
 
     def _load(self, cuts: Cuts, level: FloatArray, call: Struct) -> dict[str, Any]:
         """Set the levels and unknowns of instances; what a launch over all segments is told of each of these."""
-        levels, unknowns = call.load_factor.numpy(), call.unknowns.numpy()
+        own = call.problem
+        levels, unknowns = own.load_factor.numpy(), own.unknowns.numpy()
         levels[cuts.instances] = level
         unknowns[np.ix_(cuts.instances, self.unknown_places)] = cuts.unknowns
         if not wp.get_device(self.device).is_cpu:  # there they are the arrays themselves
-            call.load_factor.assign(levels)
-            call.unknowns.assign(unknowns)
+            own.load_factor.assign(levels)
+            own.unknowns.assign(unknowns)
         owner = cuts.owner
         at_tip = cuts.end >= self.length(cuts.instances)[owner]
         names = ("instance", "start", "end", "at_tip", "state", "steps")
@@ -154,17 +156,17 @@ class BackboneSegments(Segments):
         return self._room(count, table).run(count, self._load(cuts, level, self._call))
 
     def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct) -> Propagation:
-        call, d = self._call, self.variation_size
+        own, d = self._call.problem, self.variation_size
         found = self._launched(cuts, level, table)
         end, values = found["end_state"], found["columns"]
         position = self._state.places["position"]
         mine = np.ix_(cuts.instances, self.unknown_places)
-        slopes = call.residual_directions.numpy()[..., : self.direction_count]
+        slopes = own.residual_directions.numpy()[..., : self.direction_count]
         return Propagation(
             end=end,
             transition=values[:, :d],
-            residual=np.array(call.residual.numpy()[mine]),
-            residual_columns=np.concatenate([call.gamma.numpy()[mine], slopes[mine]], axis=2),
+            residual=np.array(own.residual.numpy()[mine]),
+            residual_columns=np.concatenate([own.gamma.numpy()[mine], slopes[mine]], axis=2),
             displacement=end[:, position] - cuts.states[:, position],
             displacement_columns=values[:, d:],
             fault=np.maximum.reduceat(found["fault"], cuts.first[:-1]),
@@ -232,7 +234,8 @@ class BackboneSegments(Segments):
         call = problem.buffers.call(node_count)
         call.node_rod = 0
         for name in self.own_arguments:
-            setattr(call, name, getattr(self._call, name))
+            setattr(call.problem, name, getattr(self._call.problem, name))
+        call.wrench = self._call.wrench
         problem.heed_stop()
         count = len(placed.start)
         room = self._make_room(features, call, self.table, count, 0)

@@ -61,10 +61,11 @@ class ClampedBackbones:
         self._call: Any = problem.buffers.call()
         rooms = {"unknowns": (d,), "residual": (d,), "gamma": (d, d), "residual_directions": (d, max(loads, 1))}
         rooms |= {"pose_columns": (6, d + loads)}
-        if problem.held:
-            rooms |= {"tip_wrench": (6,), "wrench_columns": (6, d + loads)}
         for name, shape in rooms.items():
-            setattr(self._call, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
+            setattr(self._call.problem, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
+        if problem.held:
+            self._call.wrench.values = wp.zeros((count, 6), dtype=wp.float64, device=device)
+            self._call.wrench.columns = wp.zeros((count, 6, d + loads), dtype=wp.float64, device=device)
         self._call.unknown_columns, self._call.direction_columns = d, loads
         lanes = width("float64", device)
         memory = deal(self._call, Layout(self._features), problem.integrator, "float64", device, count, lanes, shared=True)
@@ -97,12 +98,13 @@ class ClampedBackbones:
 
     def launch(self) -> None:
         """One integration of all instances, a piece after another."""
-        problem, segment, call, n = self.problem, self._segment, self._call, self.problem.unknown_count
+        problem, segment, n = self.problem, self._segment, self.problem.unknown_count
+        own, wrench = self._call.problem, self._call.wrench
         count, d = problem.instance_count, self._features.unknown_count
         unknowns = np.zeros((count, d))
         unknowns[:, self._own] = problem.read("unknowns")
         problem.heed_stop()
-        call.unknowns.assign(unknowns)
+        own.unknowns.assign(unknowns)
         scale = np.broadcast_to(problem.table.length_scale.numpy(), count)
         edges = np.linspace(0.0, 1.0, self.pieces + 1) * problem.sizes.ends()[:, :1]
         state, frame_at = np.zeros((count, self._state.size)), self._state.places["frame"]
@@ -130,19 +132,19 @@ class ClampedBackbones:
             self.moved[:, piece] = base @ moved
             self.turned[:, piece] = columns[:, self._turn] * scale[:, None, None]
             state[:, :3] += self.unit * self.moments[:, piece]
-            own = n + self.loads + 3 * piece
-            columns[:, range(3), range(own, own + 3)] += 1.0
+            first = n + self.loads + 3 * piece
+            columns[:, range(3), range(first, first + 3)] += 1.0
         frame = base @ from_quaternions(state[:, frame_at])
         problem.write("rotation", frame.reshape(count, 9))
         problem.write("position", self._in_world(base, state))
         turn = frame @ (columns[:, self._turn] * scale[:, None, None])
         problem.pose_columns.assign(self._by_all(np.concatenate([base @ moved, turn], axis=1)))
         if problem.held:
-            problem.tip_wrench.assign(call.tip_wrench.numpy())
-            problem.wrench_columns.assign(self._by_all(self._onward(call.wrench_columns.numpy(), begin)))
+            problem.tip_wrench.assign(wrench.values.numpy())
+            problem.wrench_columns.assign(self._by_all(self._onward(wrench.columns.numpy(), begin)))
         else:
-            problem.write("residual", call.residual.numpy()[:, self._own])
-            columns = np.concatenate([call.gamma.numpy(), call.residual_directions.numpy()[..., : self.loads]], axis=2)
+            problem.write("residual", own.residual.numpy()[:, self._own])
+            columns = np.concatenate([own.gamma.numpy(), own.residual_directions.numpy()[..., : self.loads]], axis=2)
             gamma = self._onward(columns[:, self._own], begin)
             problem.write("gamma", gamma[..., :n].reshape(count, n * n))
             problem.residual_directions.assign(self._by_all(gamma)[..., n:])

@@ -85,7 +85,7 @@ class SureStability:
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=device))
         for name in ("column_arclength", "node_curvature", "node_moment", "node_force"):
             setattr(state, name, getattr(made.call, name))
-        state.node_position, state.node_rotation = made.call.position, made.call.rotation
+        state.node_position, state.node_rotation = made.call.problem.position, made.call.problem.rotation
         for name in ("ends", "unit", "matrix", "conjugate", "known", "open"):
             setattr(state, name, form.array(name))
         needed, sure = Shared((count,), wp.float64, device), Shared((count,), wp.int32, device)

@@ -8,18 +8,8 @@ says what follows from it.
 import warp as wp
 
 from multirod.models.backbone.kernels.numbers.scalars import turned_about_z
-from multirod.models.joint_kernels import SOFT, column, column_of, vector
-from multirod.models.network.elements.end_kernels import (
-    Behind,
-    End,
-    along,
-    behind_plate,
-    end_at,
-    extension,
-    level_of,
-    nothing,
-    stretched,
-)
+from multirod.models.joint_kernels import SOFT, along, column, column_of, load_level, vector
+from multirod.models.network.elements.end_kernels import Behind, End, behind_plate, end_at, extension, nothing, stretched
 from multirod.models.network.elements.records import (
     CARRIED_AT,
     MORE,
@@ -219,11 +209,11 @@ def base_wrench(group: wp.ref[RodGroup], t: int, own: wp.ref[Element]):
     """(5b) Force and moment in a rod at its base, in the frame of that."""
     moment = -group.moment_rest[t]
     for k in range(group.unknown_count):
-        moment += group.unknowns[t, k] * column(group.moment_by, t, 0, k)
+        moment += group.problem.unknowns[t, k] * column(group.moment_by, t, 0, k)
     own.behind = behind_plate(group, t)
     turned = turned_about_z(own.behind.angle)
     own.base_moment = turned * moment
-    own.base_force = turned * (group.force_unit[t] * vector(group.unknowns, t, group.first_force))
+    own.base_force = turned * (group.force_unit[t] * vector(group.problem.unknowns, t, group.first_force))
 
 
 @wp.func
@@ -241,9 +231,9 @@ def base_wrench_change(group: wp.ref[RodGroup], t: int, own: wp.ref[Element], ch
         if k == 2:
             rate = own.behind.compliance * group.moment_by[t, 2, 2]
     if d >= 0:
-        rate = group.directions[t, d, 0]
+        rate = group.problem.directions[t, d, 0]
         if group.transmission != 0:
-            pushed = group.directions[t, d, group.rods]
+            pushed = group.problem.directions[t, d, group.rods]
             rate -= pushed * (own.behind.twist_rate + own.behind.compliance_rate * own.behind.torque)
     axis = wp.vec3d(f64(0.0), f64(0.0), rate)
     change.base_m += wp.cross(axis, own.base_moment)
@@ -259,17 +249,17 @@ def integrated(group: wp.ref[RodGroup], t: int, change: wp.ref[Change], index: i
     change.n = nothing()
     change.m = nothing()
     if index >= 0:
-        change.q = column(group.pose_columns, t, 0, index)
-        change.phi = column(group.pose_columns, t, 3, index)
-        change.n = column(group.wrench_columns, t, 0, index)
-        change.m = column(group.wrench_columns, t, 3, index)
+        change.q = column(group.problem.pose_columns, t, 0, index)
+        change.phi = column(group.problem.pose_columns, t, 3, index)
+        change.n = column(group.wrench.columns, t, 0, index)
+        change.m = column(group.wrench.columns, t, 3, index)
     if group.turns != 0:
         for j in range(wp.static(TURNING)):
             k = group.unknown_count + j
-            change.q += beta[j] * column(group.pose_columns, t, 0, k)
-            change.phi += beta[j] * column(group.pose_columns, t, 3, k)
-            change.n += beta[j] * column(group.wrench_columns, t, 0, k)
-            change.m += beta[j] * column(group.wrench_columns, t, 3, k)
+            change.q += beta[j] * column(group.problem.pose_columns, t, 0, k)
+            change.phi += beta[j] * column(group.problem.pose_columns, t, 3, k)
+            change.n += beta[j] * column(group.wrench.columns, t, 0, k)
+            change.m += beta[j] * column(group.wrench.columns, t, 3, k)
 
 
 @wp.func(inline=False)
@@ -284,8 +274,10 @@ def carry_ends(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Chang
             arm = nothing()
             k = at - net.body_count - 1
             if k >= 0:
-                turn = net.body_turns[own.b, at] * along(net, own.b, d, net.fixed_at + 3 * (net.fixed_count + k))
-                move = along(net, own.b, d, net.fixed_at + 3 * k)
+                turn = net.body_turns[own.b, at] * along(
+                    net.problem.directions, own.b, d, net.fixed_at + 3 * (net.fixed_count + k)
+                )
+                move = along(net.problem.directions, own.b, d, net.fixed_at + 3 * k)
                 move += wp.cross(turn, wp.where(e == 0, own.base.arm, own.tip.arm))
             i = net.moved[d] - wp.static(POSE) * e
             axes = net.body_rotation[own.b, at]
@@ -405,9 +397,9 @@ def write_slides(net: wp.ref[Networks], own: wp.ref[Element]):
 @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
 def form(net: Networks, group: RodGroup):
     """(5) to (11), (22) The element of each rod, and its own rows beside those of its tip."""
-    t = group.order[wp.tid()]
+    t = group.problem.order[wp.tid()]
     b = t // group.count
-    if net.active[b] == 0:
+    if net.problem.active[b] == 0:
         return
     rod = group.rod[t % group.count]
     own = Element()
@@ -417,10 +409,10 @@ def form(net: Networks, group: RodGroup):
     own.stiffness = net.stiffness[b, rod]
     own.base = end_at(net, b, rod, 0)
     own.back = wp.transpose(own.base.rotation)
-    own.position = group.position[t]
-    own.rotation = group.rotation[t]
-    own.force = vector(group.wrench, t, 0)
-    own.moment = vector(group.wrench, t, 3)
+    own.position = group.problem.position[t]
+    own.rotation = group.problem.rotation[t]
+    own.force = vector(group.wrench.values, t, 0)
+    own.moment = vector(group.wrench.values, t, 3)
     base_wrench(group, t, own)
     place = net.load_place[rod]
     if net.holder[1, rod] >= 0:
@@ -428,14 +420,14 @@ def form(net: Networks, group: RodGroup):
         own.apart = own.back * (own.base.position - own.tip.position)
         own.log = rotation_vector(wp.transpose(own.tip.rotation) * (own.base.rotation * own.rotation))
         own.by_turn = inverse_right_jacobian(own.log)
-        own.give = f64(wp.static(SOFT)) * (f64(1.0) - net.load_factor[b]) * net.soft[b] * own.length / own.stiffness
+        own.give = f64(wp.static(SOFT)) * (f64(1.0) - net.problem.load_factor[b]) * net.soft[b] * own.length / own.stiffness
     else:
         own.free = 1
-        level = level_of(net, b)
-        own.given_force = own.back * (level * vector(net.inputs, b, net.force_at + 3 * place))
-        own.given_moment = own.back * (level * vector(net.inputs, b, net.moment_at + 3 * place))
-        own.following_force = own.rotation * (level * vector(net.inputs, b, net.follower_force_at + 3 * place))
-        own.following_moment = own.rotation * (level * vector(net.inputs, b, net.follower_moment_at + 3 * place))
+        level = load_level(net.loading[b], net.problem.load_factor[b])
+        own.given_force = own.back * (level * vector(net.problem.inputs, b, net.force_at + 3 * place))
+        own.given_moment = own.back * (level * vector(net.problem.inputs, b, net.moment_at + 3 * place))
+        own.following_force = own.rotation * (level * vector(net.problem.inputs, b, net.follower_force_at + 3 * place))
+        own.following_moment = own.rotation * (level * vector(net.problem.inputs, b, net.follower_moment_at + 3 * place))
     write_values(net, own)
     if net.holes != 0:
         write_slides(net, own)
@@ -494,18 +486,18 @@ def form(net: Networks, group: RodGroup):
             index = ahead + d
             for i in range(wp.static(MOST)):  # (24)
                 if net.driven[0, rod, i] >= 0:
-                    change.base_angle[i] = net.directions[b, d, net.driven[0, rod, i]]
+                    change.base_angle[i] = net.problem.directions[b, d, net.driven[0, rod, i]]
                 if net.driven[1, rod, i] >= 0:
-                    change.tip_angle[i] = net.directions[b, d, net.driven[1, rod, i]]
+                    change.tip_angle[i] = net.problem.directions[b, d, net.driven[1, rod, i]]
             beta = own.back * (own.base.frame * (own.base.turns * change.base_angle))
             if net.fixed_count > 0 or net.moved[d] >= 0:
                 beta += own.back * carry_ends(net, own, change, d)
             slide_ends(own, change)
             if own.free != 0:
-                change.given_force = along(net, b, d, net.force_at + 3 * place)
-                change.given_moment = along(net, b, d, net.moment_at + 3 * place)
-                change.following_force = along(net, b, d, net.follower_force_at + 3 * place)
-                change.following_moment = along(net, b, d, net.follower_moment_at + 3 * place)
+                change.given_force = along(net.problem.directions, b, d, net.force_at + 3 * place)
+                change.given_moment = along(net.problem.directions, b, d, net.moment_at + 3 * place)
+                change.following_force = along(net.problem.directions, b, d, net.follower_force_at + 3 * place)
+                change.following_moment = along(net.problem.directions, b, d, net.follower_moment_at + 3 * place)
         else:
             index = ahead + net.direction_count
             there = group.slides
@@ -532,14 +524,14 @@ def form(net: Networks, group: RodGroup):
             for i in range(6, m):
                 total = f64(0.0)
                 if k < m:
-                    total = group.gamma[t, i, k]
+                    total = group.problem.gamma[t, i, k]
                 elif index >= m:
-                    total = group.residual_directions[t, i, index - m]
+                    total = group.problem.residual_directions[t, i, index - m]
                 for c in range(wp.static(TURNING) * group.turns):
-                    total += beta[c] * group.residual_directions[t, i, c]
+                    total += beta[c] * group.problem.residual_directions[t, i, c]
                 net.element[b, rod, i, k] = total
     for i in range(6, m):
-        net.value[b, rod, i] = group.residual[t, i]
+        net.value[b, rod, i] = group.problem.residual[t, i]
     if group.slides != 0:  # (20)
         for i in range(net.height):
             by_length = (L * L) * net.element[b, rod, i, net.width - 1]
@@ -550,12 +542,12 @@ def form(net: Networks, group: RodGroup):
         net.value[b, rod, net.size - 2] -= pull * stretched(net, b, rod)
         net.element[b, rod, net.size - 2, net.size - 2] -= pull * L * L
         for d in range(net.direction_count):
-            moved = net.directions[b, d, net.translation_at + net.owner[rod]]
+            moved = net.problem.directions[b, d, net.translation_at + net.owner[rod]]
             net.element[b, rod, net.size - 2, net.size + d] += pull * (f64(1.0) - net.below[rod]) * moved
     net.tip_position[b, rod] = own.base.position + own.base.rotation * own.position
     net.tip_rotation[b, rod] = own.base.rotation * own.rotation
-    net.rod_fault[b, rod] = group.fault[t]
-    net.rod_steps[b, rod] = group.step_count[t]
+    net.rod_fault[b, rod] = group.problem.fault[t]
+    net.rod_steps[b, rod] = group.problem.step_count[t]
     if net.holes != 0 and extension(net, b, rod) <= -L:
         net.value[b, rod, 0] = f64(0.0) / f64(0.0)
         net.pulled_out[b] = 1

@@ -6,28 +6,11 @@ Numbers in parentheses are those of ``docs/networks.md``.
 
 import warp as wp
 
-from multirod.capabilities import Loading
 from multirod.models.network.elements.records import Networks, RodGroup
 from multirod.models.network.joining.joints import MOST
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 
 f64 = wp.float64
-
-
-@wp.func
-def level_of(net: wp.ref[Networks], b: int) -> f64:
-    """What multiplies all loads of an instance."""
-    if net.loading[b] == wp.static(int(Loading.NONE)):
-        return f64(0.0)
-    if net.loading[b] == wp.static(int(Loading.FULL)):
-        return f64(1.0)
-    return net.load_factor[b]
-
-
-@wp.func
-def along(net: wp.ref[Networks], b: int, d: int, first: int) -> wp.vec3d:
-    """Three numbers of a direction in input space."""
-    return wp.vec3d(net.directions[b, d, first], net.directions[b, d, first + 1], net.directions[b, d, first + 2])
 
 
 @wp.func
@@ -61,7 +44,7 @@ def end_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> End:
     R = net.body_rotation[b, at]
     arm = net.attachment_position[b, e, rod]
     if e == 1:  # (29)
-        arm += (f64(1.0) - net.load_factor[b]) * net.shift[b, rod]
+        arm += (f64(1.0) - net.problem.load_factor[b]) * net.shift[b, rod]
     end.arm = R * arm
     end.frame = R * net.attachment_rotation[b, e, rod]
     end.position = net.body_position[b, at] + end.arm
@@ -72,9 +55,9 @@ def end_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> End:
         for j in range(end.count):
             given = net.driven[e, rod, j]
             if given >= 0:  # (24)
-                end.angle[j] = net.inputs[b, given]
+                end.angle[j] = net.problem.inputs[b, given]
             else:
-                end.angle[j] = net.length[b, rod] * net.unknowns[b, net.variable[rod, net.own + wp.static(MOST) * e + j]]
+                end.angle[j] = net.length[b, rod] * net.problem.unknowns[b, net.variable[rod, net.own + wp.static(MOST) * e + j]]
         a = net.inner[e, rod] * end.angle
         end.first = left_jacobian(a) * net.inner[e, rod]
         end.joint = rotation_from_vector(a)
@@ -97,24 +80,24 @@ def end_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> End:
 @wp.func
 def extension(net: wp.ref[Networks], b: int, rod: int) -> f64:
     """(20) How much longer a piece is than it is taken to be."""
-    given = net.share[rod] * net.inputs[b, net.translation_at + net.owner[rod]]
+    given = net.share[rod] * net.problem.inputs[b, net.translation_at + net.owner[rod]]
     L = net.length[b, rod]
     moved = f64(0.0)
     tip = net.variable[rod, net.size - 2]
     base = net.variable[rod, net.size - 1]
     if tip >= 0:
-        moved += net.unknowns[b, tip]
+        moved += net.problem.unknowns[b, tip]
     if base >= 0:
-        moved -= net.unknowns[b, base]
+        moved -= net.problem.unknowns[b, base]
     return (net.share[rod] * f64(net.pieces[rod]) - f64(1.0)) * L + given + L * L * moved
 
 
 @wp.func
 def stretched(net: wp.ref[Networks], b: int, rod: int) -> f64:
     """(37) How far the spring at the hole at the tip of a piece is stretched."""
-    given = net.inputs[b, net.translation_at + net.owner[rod]]
+    given = net.problem.inputs[b, net.translation_at + net.owner[rod]]
     L = net.length[b, rod]
-    place = net.below[rod] * (f64(net.pieces[rod]) * L + given) + L * L * net.unknowns[b, net.variable[rod, net.size - 2]]
+    place = net.below[rod] * (f64(net.pieces[rod]) * L + given) + L * L * net.problem.unknowns[b, net.variable[rod, net.size - 2]]
     return place - given - net.hole_rest[rod]
 
 
@@ -133,14 +116,14 @@ class Behind:
 def behind_plate(group: wp.ref[RodGroup], t: int) -> Behind:
     """The frame at the base is that of the first tube."""
     result = Behind()
-    result.angle = group.inputs[t, 0]
+    result.angle = group.problem.inputs[t, 0]
     if group.transmission == 0:
         return result
     rods = group.table
     r = t * rods.stride
     terms = rods.precurvature.shape[3] // 3
-    depth = -group.inputs[t, group.rods]
-    result.torque = group.moment_by[t, 2, 2] * group.unknowns[t, 2]
+    depth = -group.problem.inputs[t, group.rods]
+    result.torque = group.moment_by[t, 2, 2] * group.problem.unknowns[t, 2]
     begin = f64(0.0)
     for m in range(rods.end.shape[2]):
         end = rods.end[r, 0, m]

@@ -107,8 +107,8 @@ class RodGroup:
         table.moment_by = wp.array(moment_by, dtype=wp.float64, device=device)
         table.moment_rest = wp.array(rest, dtype=wp.vec3d, device=device)
         table.force_unit = wp.array(force_unit, dtype=wp.float64, device=device)
-        own.share(table)
-        table.wrench, table.wrench_columns = own.tip_wrench, own.wrench_columns
+        own.share(table.problem)
+        table.wrench.values, table.wrench.columns = own.tip_wrench, own.wrench_columns
         return table
 
     def _base_units(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -3,7 +3,8 @@
 
 import warp as wp
 
-from multirod.models.backbone.kernels.layout.arguments import RodTable
+from multirod.kernels.problem_arrays import ProblemArrays
+from multirod.models.backbone.kernels.layout.arguments import RodTable, TipWrench
 
 POSE = 6  # unknowns of a body
 TURNING = 3  # directions in which the base of a rod may turn
@@ -37,21 +38,8 @@ class Networks:
     effector_rod: int  # -1 where it is a body
     effector_position: wp.vec3d  # of the end effector in the frame of the body
     effector_rotation: wp.mat33d
-    # unknowns, inputs, results
-    order: wp.array[int]
-    active: wp.array[int]
-    load_factor: wp.array[wp.float64]
-    unknowns: wp.array2d[wp.float64]
-    inputs: wp.array2d[wp.float64]
-    directions: wp.array3d[wp.float64]
-    fault: wp.array[int]
-    step_count: wp.array[int]
-    residual: wp.array2d[wp.float64]
-    numbers: wp.array2d[wp.float64]  # those that are kept of Gamma
-    residual_directions: wp.array3d[wp.float64]
-    position: wp.array[wp.vec3d]
-    rotation: wp.array[wp.mat33d]
-    pose_columns: wp.array3d[wp.float64]
+    problem: ProblemArrays  # but for Gamma
+    numbers: wp.array2d[wp.float64]  # those that are kept of it
     # where inputs begin
     rotation_at: int
     translation_at: int
@@ -158,19 +146,5 @@ class RodGroup:
     moment_by: wp.array3d[wp.float64]  # (rod of all instances, 3, unknown): moment at the base
     moment_rest: wp.array[wp.vec3d]  # less this
     force_unit: wp.array[wp.float64]
-    order: wp.array[int]
-    active: wp.array[int]
-    load_factor: wp.array[wp.float64]
-    unknowns: wp.array2d[wp.float64]
-    inputs: wp.array2d[wp.float64]
-    directions: wp.array3d[wp.float64]
-    fault: wp.array[int]
-    step_count: wp.array[int]
-    residual: wp.array2d[wp.float64]
-    gamma: wp.array3d[wp.float64]
-    residual_directions: wp.array3d[wp.float64]
-    position: wp.array[wp.vec3d]
-    rotation: wp.array[wp.mat33d]
-    pose_columns: wp.array3d[wp.float64]
-    wrench: wp.array2d[wp.float64]
-    wrench_columns: wp.array3d[wp.float64]
+    problem: ProblemArrays
+    wrench: TipWrench

@@ -28,16 +28,16 @@ class LegPairs:
 @wp.kernel(module="unique", enable_backward=False)
 def find_leg_displacements(robots: Robots, legs: Legs, pairs: LegPairs):
     """(12) The turn of a tip in a joint that lets it turn, and the angles of tubes that end before it."""
-    t = legs.order[wp.tid()]
+    t = legs.problem.order[wp.tid()]
     b = t // legs.count
-    if robots.active[b] == 0:
+    if robots.problem.active[b] == 0:
         return
     place = t % legs.count
     leg = legs.leg[place]
     m = legs.unknown_count
     own = t * pairs.stride
-    longest = longest_of(pairs.end, own, legs.inputs, t, legs.rods)
-    to_tip = wp.transpose(legs.rotation[t])
+    longest = longest_of(pairs.end, own, legs.problem.inputs, t, legs.rods)
+    to_tip = wp.transpose(legs.problem.rotation[t])
     joint = robots.joint[leg]
     axis = robots.axis[leg]
     for k in range(m + robots.leg_direction_count):
@@ -45,7 +45,7 @@ def find_leg_displacements(robots: Robots, legs: Legs, pairs: LegPairs):
         if k >= m:
             at = robots.unknown_count + k - m
         row = pairs.first[place]
-        turn = to_tip * column(legs.pose_columns, t, 3, k)
+        turn = to_tip * column(legs.problem.pose_columns, t, 3, k)
         if joint == wp.static(SPHERICAL):
             for j in range(3):
                 pairs.columns[b, row + j, at] = turn[j]
@@ -56,7 +56,7 @@ def find_leg_displacements(robots: Robots, legs: Legs, pairs: LegPairs):
         for i in range(legs.rods):
             if pairs.torques > 0 and i != longest:
                 angle = angle_of(pairs.angle_columns, t, 1, i, k)
-                if reaches(pairs.end, own, legs.inputs, t, legs.rods, i, 0):
+                if reaches(pairs.end, own, legs.problem.inputs, t, legs.rods, i, 0):
                     angle -= angle_of(pairs.angle_columns, t, 1, longest, k)
                 pairs.columns[b, row, at] = angle
                 pairs.unit[b, row] = pairs.torsion[own, i]
@@ -64,7 +64,7 @@ def find_leg_displacements(robots: Robots, legs: Legs, pairs: LegPairs):
     for k in range(3):  # against the platform
         at = robots.unknown_count - wp.static(POSE) + 3 + k
         row = pairs.first[place]
-        turn = to_tip * column(robots.pose_columns, b, 3, at)
+        turn = to_tip * column(robots.problem.pose_columns, b, 3, at)
         if joint == wp.static(REVOLUTE):
             pairs.columns[b, row, at] = -wp.dot(axis, turn)
         if joint == wp.static(SPHERICAL):
@@ -75,10 +75,10 @@ def find_leg_displacements(robots: Robots, legs: Legs, pairs: LegPairs):
 @wp.kernel(module="unique", enable_backward=False)
 def find_platform_displacements(robots: Robots, columns: wp.array3d[wp.float64]):
     """(12) The pose of the platform, in the last rows."""
-    b = robots.order[wp.tid()]
-    if robots.active[b] == 0:
+    b = robots.problem.order[wp.tid()]
+    if robots.problem.active[b] == 0:
         return
     first = columns.shape[1] - wp.static(POSE)
     for j in range(wp.static(POSE)):
         for k in range(columns.shape[2]):
-            columns[b, first + j, k] = robots.pose_columns[b, j, k]
+            columns[b, first + j, k] = robots.problem.pose_columns[b, j, k]

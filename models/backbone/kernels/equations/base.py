@@ -103,7 +103,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         last = int(wp.static(TORQUES + FIRST))
         for i in range(wp.static(0 if MOMENT else FIRST), last):
             unit = unknown_unit(rods, case, i)
-            torques[i] = call.unknowns[case.index, wp.static(FIRST_TORQUE) + i] / unit[2]
+            torques[i] = call.problem.unknowns[case.index, wp.static(FIRST_TORQUE) + i] / unit[2]
             if wp.static(CONCENTRIC and not MOMENT):
                 torques[0] = torques[0] - torques[i]
         return torques
@@ -114,7 +114,9 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         if wp.static(not MOMENT):
             return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         unit = unknown_unit(rods, case, 0)
-        M = wp.vec3d(call.unknowns[case.index, 0], call.unknowns[case.index, 1], call.unknowns[case.index, 2])
+        M = wp.vec3d(
+            call.problem.unknowns[case.index, 0], call.problem.unknowns[case.index, 1], call.problem.unknowns[case.index, 2]
+        )
         if wp.static(not TUBES):
             r = case.rods
             M -= wp.vec3d(rods.precurvature[r, 0, 0, 0], rods.precurvature[r, 0, 0, 1], rods.precurvature[r, 0, 0, 2])
@@ -132,14 +134,14 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         b = known
         factor = f64(1.0)
         if wp.static(TUBES and not HELD):
-            factor = wp.sqrt(call.load_factor[case.index])  # raised with the loads, as along the rod
+            factor = wp.sqrt(call.problem.load_factor[case.index])  # raised with the loads, as along the rod
         if wp.static(TUBES):
             b.torques = base_torques(rods, call, case)
         else:
             M = base_moment(rods, call, case)
             b.torques[0] = M[2]
         for i in range(rods.end.shape[1]):
-            depth = -call.inputs[case.index, wp.static(TRANSLATION) + i]
+            depth = -call.problem.inputs[case.index, wp.static(TRANSLATION) + i]
             if depth > f64(0.0):
                 begin = f64(0.0)
                 last = wp.min(section_from(rods, call, case, i, f64(0.0)), rods.end.shape[2] - 1)
@@ -166,7 +168,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
             return total_load(rods, call, case)
         t = case.index
         j = wp.static(FIRST_FORCE)
-        x = wp.vec3d(call.unknowns[t, j], call.unknowns[t, j + 1], call.unknowns[t, j + 2])
+        x = wp.vec3d(call.problem.unknowns[t, j], call.problem.unknowns[t, j + 1], call.problem.unknowns[t, j + 2])
         return rotate(q, force_unit(rods, case) * x)
 
     @wp.func
@@ -181,10 +183,10 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         """(9), (10)"""
         b = Base()
         for i in range(rods.end.shape[1]):
-            b.angles[i] = call.inputs[case.index, wp.static(ROTATION) + i]
+            b.angles[i] = call.problem.inputs[case.index, wp.static(ROTATION) + i]
             if wp.static(not HELD):
                 if i > 0:  # the natural branch of several rods begins where none is turned against another
-                    b.angles[i] = b.angles[0] + call.load_factor[case.index] * (b.angles[i] - b.angles[0])
+                    b.angles[i] = b.angles[0] + call.problem.load_factor[case.index] * (b.angles[i] - b.angles[0])
         if wp.static(TRANSMISSION):
             b = behind_plate(rods, call, case, b)
             b.angles += b.twist + wp.cw_mul(b.compliance, b.torques)
@@ -227,7 +229,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     @wp.func
     def angle_rate(call: wp.ref[Call], case: wp.ref[Instance], b: Base, k: int, i: int) -> f64:
         """(9) Variation of an angle for direction k: a rod that is pushed out has less of itself behind the plate."""
-        rate = call.directions[case.direction, k, wp.static(ROTATION) + i]
+        rate = call.problem.directions[case.direction, k, wp.static(ROTATION) + i]
         if wp.static(TRANSMISSION):
             rate -= moved(call, case, k, i) * (b.twist_rate[i] + b.compliance_rate[i] * b.torques[i])
         return rate

@@ -39,7 +39,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     @wp.func
     def rounding_of(call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
         """(L8b) How far the kink is rounded on the way to the load [1/m], not at all at its end."""
-        return wp.max(f64(1.0) - call.load_factor[case.index], f64(0.0)) / case.scale
+        return wp.max(f64(1.0) - call.problem.load_factor[case.index], f64(0.0)) / case.scale
 
     @wp.func
     def positive_part(z: f64, mu: f64) -> f64:
@@ -65,7 +65,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
         @wp.func
         def drive(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
             """(L7) T"""
-            z = call.unknowns[case.index, wp.static(row)]
+            z = call.problem.unknowns[case.index, wp.static(row)]
             if wp.static(slackens[j]):  # (L8)
                 z = positive_part(z, rounding_of(call, case))
             return tension_unit(rods, case, wp.static(rod), wp.static(lever)) * z
@@ -82,7 +82,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
         def rate(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
             unit = tension_unit(rods, case, wp.static(rod), wp.static(lever))
             if wp.static(slackens[j]):
-                unit *= positive_rate(call.unknowns[case.index, wp.static(FIRST + j)], rounding_of(call, case))
+                unit *= positive_rate(call.problem.unknowns[case.index, wp.static(FIRST + j)], rounding_of(call, case))
             return unit
 
         return rate
@@ -102,7 +102,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
         """(L7b) Rest length per translation, one number for each way."""
         if wp.static(STRAIGHT):
             return rods.material[case.rods, i, 0, lever + 7]
-        if call.inputs[case.index, wp.static(TRANSLATION)] < f64(0.0):
+        if call.problem.inputs[case.index, wp.static(TRANSLATION)] < f64(0.0):
             return rods.material[case.rods, i, 0, lever + 5]
         return rods.material[case.rods, i, 0, lever + 4]
 
@@ -121,14 +121,17 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
             excess = rods.material[case.rods, wp.static(rod), 0, wp.static(lever + 3)]
             if wp.static(RAISED):  # (L7c) tubes are straight where continuation begins
                 straight = rods.material[case.rods, wp.static(rod), 0, wp.static(lever + 6)]
-                natural = straight + wp.sqrt(call.load_factor[case.index]) * (natural - straight)
-            asked = natural + call.load_factor[case.index] * (excess - call.inputs[case.index, wp.static(place)])
-            asked += growth(rods, call, case, wp.static(rod), wp.static(lever)) * call.inputs[case.index, wp.static(translation)]
+                natural = straight + wp.sqrt(call.problem.load_factor[case.index]) * (natural - straight)
+            asked = natural + call.problem.load_factor[case.index] * (excess - call.problem.inputs[case.index, wp.static(place)])
+            asked += (
+                growth(rods, call, case, wp.static(rod), wp.static(lever))
+                * call.problem.inputs[case.index, wp.static(translation)]
+            )
             gap = (asked + c * drive(rods, call, case) - y[wp.static(length)]) / (r * case.scale)
             if wp.static(slack):
-                z = call.unknowns[case.index, wp.static(row)]
+                z = call.problem.unknowns[case.index, wp.static(row)]
                 gap += loose(rods, case, wp.static(rod), wp.static(lever)) * (z - positive_part(z, rounding_of(call, case)))
-            call.residual[case.index, wp.static(residual)] = gap
+            call.problem.residual[case.index, wp.static(residual)] = gap
             return wp.abs(gap) + rest_of(rods, call, case, y)
 
         @wp.func
@@ -141,16 +144,18 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
                 change = change / unit
                 if wp.static(slack):
                     if k == wp.static(row):
-                        z = call.unknowns[case.index, wp.static(row)]
+                        z = call.problem.unknowns[case.index, wp.static(row)]
                         held_less = f64(1.0) - positive_rate(z, rounding_of(call, case))
                         change += loose(rods, case, wp.static(rod), wp.static(lever)) * held_less
-                call.gamma[case.index, wp.static(residual), k] = change
+                call.problem.gamma[case.index, wp.static(residual), k] = change
             else:
                 direction = k - call.unknown_columns
-                change -= call.load_factor[case.index] * call.directions[case.direction, direction, wp.static(place)]
-                shift = call.directions[case.direction, direction, wp.static(translation)]
+                change -= (
+                    call.problem.load_factor[case.index] * call.problem.directions[case.direction, direction, wp.static(place)]
+                )
+                shift = call.problem.directions[case.direction, direction, wp.static(translation)]
                 change += growth(rods, call, case, wp.static(rod), wp.static(lever)) * shift
-                call.residual_directions[case.index, wp.static(residual), direction] = change / unit
+                call.problem.residual_directions[case.index, wp.static(residual), direction] = change / unit
             return wp.abs(change) + rest_of_column(rods, call, case, v, k)
 
         return write, write_column

@@ -43,7 +43,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     ROTATION, TIP_FORCE, TIP_MOMENT, TIP_CURVATURE = at.ROTATION, at.TIP_FORCE, at.TIP_MOMENT, at.TIP_CURVATURE
     FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
     load_vector, direction_vector = grid.load_vector, grid.direction_vector
-    rod_end, section_from = grid.rod_end, grid.section_from
+    rod_end, section_from, section_at = grid.rod_end, grid.section_from, grid.section_at
     pose = make_tip_pose(layout, base)
     moment_of, moment_column_of, frame, frame_column = pose.moment_of, pose.moment_column_of, pose.frame, pose.frame_column
     body_moment, body_moment_column = pose.body_moment, pose.body_moment_column
@@ -60,9 +60,8 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         if wp.static(TUBES):
             EI = f64(0.0)
             for j in range(rods.end.shape[1]):
-                k = section_from(rods, call, case, j, s)
-                if k < rods.end.shape[2]:
-                    EI += bending_stiffness(rods, case, j, k)
+                k, present = section_at(rods, call, case, j, s)
+                EI += present * bending_stiffness(rods, case, j, k)
             result[0] = f64(1.0) / EI
             result[1] = f64(1.0) / EI
         return result
@@ -119,7 +118,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     def axes(call: wp.ref[Call], case: wp.ref[Instance]) -> wp.mat33d:
         """(11b) Axes of the residual, from those of the base: they turn with rod 1 at its base, as the frame does."""
         if wp.static(CONCENTRIC):
-            return turned_about_z(call.inputs[case.index, wp.static(ROTATION)])
+            return turned_about_z(call.problem.inputs[case.index, wp.static(ROTATION)])
         return wp.identity(3, dtype=f64)
 
     @wp.func
@@ -153,7 +152,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                 return dM
             if direction >= 0:
                 m = lacking(call, case, y)
-                dM += call.directions[case.direction, direction, wp.static(ROTATION)] * wp.vec3d(m[1], -m[0], f64(0.0))
+                dM += call.problem.directions[case.direction, direction, wp.static(ROTATION)] * wp.vec3d(m[1], -m[0], f64(0.0))
             return dM
         if wp.static(FOLLOWER_MOMENT):
             if direction >= 0:
@@ -193,10 +192,10 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         """(12): u(L) less what was measured, which is raised with the loads: the unloaded rod is where continuation begins."""
         t = case.index
         j = wp.static(TIP_CURVATURE)
-        measured = wp.vec3d(call.inputs[t, j], call.inputs[t, j + 1], call.inputs[t, j + 2])
+        measured = wp.vec3d(call.problem.inputs[t, j], call.problem.inputs[t, j + 1], call.problem.inputs[t, j + 2])
         m = section_here(rods, call, case, 0, s)
         K = wp.vec3d(rods.material[case.rods, 0, m, 3], rods.material[case.rods, 0, m, 4], rods.material[case.rods, 0, m, 5])
-        return wp.cw_mul(K, body_moment(y)) - call.load_factor[t] * (measured - u_star)
+        return wp.cw_mul(K, body_moment(y)) - call.problem.load_factor[t] * (measured - u_star)
 
     @wp.func
     def measured_gap_column(
@@ -248,9 +247,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     def write_entry(call: wp.ref[Call], case: wp.ref[Instance], row: int, k: int, value: f64):
         """One number of Gamma, or of the residual's derivative by a direction."""
         if k < call.unknown_columns:
-            call.gamma[case.index, row, k] = value
+            call.problem.gamma[case.index, row, k] = value
         else:
-            call.residual_directions[case.index, row, k - call.unknown_columns] = value
+            call.problem.residual_directions[case.index, row, k - call.unknown_columns] = value
 
     @wp.func
     def write_free(
@@ -263,18 +262,18 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
             gap = measured_gap(rods, call, case, y, s, u_star)
             total += total_magnitude(gap)
             for j in range(3):
-                call.residual[t, j] = gap[j]
+                call.problem.residual[t, j] = gap[j]
         if wp.static(MOMENT and not MEASURED):
             gap = lacking(call, case, y)
             unit = moment_unit(rods, call, case, s, wp.where(wp.static(FIXED), case.longest, 0))
             if wp.static(FIXED):
                 for j in range(3):
-                    call.residual[t, moment_row(case, j)] = unit[j] * gap[j]
+                    call.problem.residual[t, moment_row(case, j)] = unit[j] * gap[j]
             else:
                 if wp.static(SHARED):
                     gap[2] = torque(rods, call, case, y, 0) - follower_torque(call, case, 0)
                 for j in range(3):
-                    call.residual[t, j] = unit[j] * gap[j]
+                    call.problem.residual[t, j] = unit[j] * gap[j]
             total += total_magnitude(gap)
         for i in range(wp.static(FIRST_LACK), rods.end.shape[1]):
             if wp.static(TORQUES > 0 and not MEASURED):
@@ -282,13 +281,13 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                     lack = torque(rods, call, case, y, i)
                     if wp.static(not FIXED):
                         lack -= follower_torque(call, case, i)
-                    call.residual[t, wp.static(FIRST_TORQUE) + i] = torque_unit(rods, call, case, s, i) * lack
+                    call.problem.residual[t, wp.static(FIRST_TORQUE) + i] = torque_unit(rods, call, case, s, i) * lack
                     total += wp.abs(lack)
         if wp.static(FREE_FORCE):
             pull = force_gap(rods, call, case, y, s, n_tip)
             total += total_magnitude(pull)
             for j in range(3):
-                call.residual[t, wp.static(FIRST_FORCE) + j] = pull[j]
+                call.problem.residual[t, wp.static(FIRST_FORCE) + j] = pull[j]
         return total
 
     @wp.func
@@ -358,12 +357,14 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         force = case.base_rotation * n_tip
         moment = case.base_rotation * m
         for j in range(3):
-            call.tip_wrench[t, j] = force[j]
-            call.tip_wrench[t, 3 + j] = moment[j]
+            call.wrench.values[t, j] = force[j]
+            call.wrench.values[t, 3 + j] = moment[j]
         for i in range(rods.end.shape[1]):
             if wp.static(TUBES):
                 if i != case.longest:
-                    call.residual[t, free_row(case, i)] = torque_unit(rods, call, case, s, i) * torque(rods, call, case, y, i)
+                    call.problem.residual[t, free_row(case, i)] = torque_unit(rods, call, case, s, i) * torque(
+                        rods, call, case, y, i
+                    )
         return total_magnitude(force) + total_magnitude(moment)
 
     @wp.func
@@ -387,8 +388,8 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         dm = case.base_rotation * dm
         force = case.base_rotation * dn
         for j in range(3):
-            call.wrench_columns[t, j, k] = force[j]
-            call.wrench_columns[t, 3 + j, k] = dm[j]
+            call.wrench.columns[t, j, k] = force[j]
+            call.wrench.columns[t, 3 + j, k] = dm[j]
         for i in range(rods.end.shape[1]):
             if wp.static(TUBES):
                 if i != case.longest:

@@ -113,8 +113,8 @@ def make_tip_pose(layout: Layout, base: SimpleNamespace) -> SimpleNamespace:
         """Pose of the tip in the world, and the energy."""
         t = case.index
         if wp.static(POSE):
-            call.position[t] = world_position(case, y)
-            call.rotation[t] = case.base_rotation * rotation_matrix(frame(y)) * turned_about_z(tip_angle(case, y))
+            call.problem.position[t] = world_position(case, y)
+            call.problem.rotation[t] = case.base_rotation * rotation_matrix(frame(y)) * turned_about_z(tip_angle(case, y))
         if wp.static(NODES):
             if call.node_count > 0:
                 call.energy[t] = y[ENERGY_AT]
@@ -128,8 +128,8 @@ def make_tip_pose(layout: Layout, base: SimpleNamespace) -> SimpleNamespace:
             dp = case.base_rotation * wp.vec3d(v[DP_AT], v[DP_AT + 1], v[DP_AT + 2])
             turn = turn_column(case, y, v)
             for j in range(3):
-                call.pose_columns[t, j, k] = dp[j]
-                call.pose_columns[t, 3 + j, k] = turn[j]
+                call.problem.pose_columns[t, j, k] = dp[j]
+                call.problem.pose_columns[t, 3 + j, k] = turn[j]
 
     @wp.func(inline=False)
     def write_pose_and_angles(call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, k: int):
@@ -137,12 +137,12 @@ def make_tip_pose(layout: Layout, base: SimpleNamespace) -> SimpleNamespace:
         much it is turned.
         """
         write_pose_column(call, case, y, v, k)
-        if call.pose_columns.shape[1] > POSE_ROWS:
-            last = call.pose_columns.shape[2] - 1
+        if call.problem.pose_columns.shape[1] > POSE_ROWS:
+            last = call.problem.pose_columns.shape[2] - 1
             count = int(wp.static(features.turning_count))
             for i in range(count):
-                call.pose_columns[case.index, POSE_ROWS + i, k] = v[wp.static(THETA_AT) + i]
-                call.pose_columns[case.index, POSE_ROWS + i, last] = y[wp.static(THETA_AT) + i]
+                call.problem.pose_columns[case.index, POSE_ROWS + i, k] = v[wp.static(THETA_AT) + i]
+                call.problem.pose_columns[case.index, POSE_ROWS + i, last] = y[wp.static(THETA_AT) + i]
 
     return SimpleNamespace(
         frame=frame,

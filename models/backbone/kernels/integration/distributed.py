@@ -22,7 +22,7 @@ def make_distributed(layout: Layout, memory: Memory, memory_type, geometry: Simp
     TIP_FORCE, DISTRIBUTED_FORCE, GRAVITY, PROFILE_FACTOR = at.TIP_FORCE, at.DISTRIBUTED_FORCE, at.GRAVITY, at.PROFILE_FACTOR
     PROFILE, PROFILE_TERMS, Z = layout.PROFILE, layout.PROFILE_TERMS, memory.STRETCH
     FORCE_PER_LENGTH, MOMENT_PER_LENGTH, z_at = layout.FORCE_PER_LENGTH, layout.MOMENT_PER_LENGTH, layout.stretch.__getitem__
-    section_end, section_from, moved = geometry.section_end, geometry.section_from, geometry.moved
+    section_end, section_at, moved = geometry.section_end, geometry.section_at, geometry.moved
     direction_vector, set_number, set_vector = geometry.direction_vector, geometry.set_number, geometry.set_vector
 
     @wp.func
@@ -137,7 +137,7 @@ def make_distributed(layout: Layout, memory: Memory, memory_type, geometry: Simp
             rate += s * direction_vector(call, case, k, DISTRIBUTED_FORCE)
             rate += mass_until(rods, call, case, s) * direction_vector(call, case, k, GRAVITY)
         if wp.static(PROFILE):
-            rate += call.directions[case.direction, k, PROFILE_FACTOR] * profile_until(rods, s)
+            rate += call.problem.directions[case.direction, k, PROFILE_FACTOR] * profile_until(rods, s)
         rate = case.to_base * rate
         if wp.static(FORCE_PER_LENGTH):
             rate += mass_rate_until(rods, call, case, s, k) * case.gravity
@@ -165,9 +165,8 @@ def make_distributed(layout: Layout, memory: Memory, memory_type, geometry: Simp
         """Mass per length of all rods from s on."""
         density = f64(0.0)
         for i in range(rods.end.shape[1]):
-            m = section_from(rods, call, case, i, s)
-            if m < rods.end.shape[2]:
-                density += rods.material[case.rods, i, m, 9]
+            m, present = section_at(rods, call, case, i, s)
+            density += present * rods.material[case.rods, i, m, 9]
         return density
 
     @wp.func

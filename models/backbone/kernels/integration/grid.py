@@ -30,7 +30,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
 from multirod.models.backbone.kernels.layout.rows import MATERIAL_SIZE, InputOffsets
 from multirod.models.backbone.kernels.loads.loading import load_of_all
-from multirod.models.backbone.kernels.members.loading import load_members_of_tubes, make_member_loading
+from multirod.models.backbone.kernels.members.loading import make_member_loading
 from multirod.models.backbone.kernels.numbers.lanes import lanes
 
 f64 = wp.float64
@@ -43,15 +43,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     memory_type = wp.array(dtype=d)
     n, features = layout.n, layout.features
     SEVERAL, ECCENTRIC, HELD, NODES = layout.TUBES, layout.ECCENTRIC, features.held, layout.NODES
-    CARRIERS = layout.CARRIERS  # whose members are loaded by themselves
-    MEMBERS = bool(features.members) and not CARRIERS
+    CARRIERS, MEMBERS = layout.CARRIERS, bool(features.members)
     PROFILE, CURVATURE_TERMS = layout.PROFILE, layout.CURVATURE_TERMS
     FORCE_PER_LENGTH, MOMENT_PER_LENGTH, VARIED = layout.FORCE_PER_LENGTH, layout.MOMENT_PER_LENGTH, layout.VARIED
     WORLD_FORCE = layout.FORCE and not layout.FORCE_STATE and not layout.WORLD_STATE
     ANISOTROPIC, SHEAR, LOADS = features.anisotropic, features.shear, bool(features.loads)
     DIRECTIONS = layout.DIRECTIONS
     SINGLE = d is wp.float32
-    FUNCTIONS, ROUTED = layout.FUNCTIONS * (not CARRIERS), layout.ROUTED
+    ROUTED = layout.ROUTED
     conditions = make_conditions(layout)
     at = InputOffsets(n, layout.DRIVES)
     TRANSLATION, PROFILE_FACTOR = at.TRANSLATION, at.PROFILE_FACTOR
@@ -63,7 +62,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     geometry = make_geometry(layout, d)
     load_vector, direction_vector, moved = geometry.load_vector, geometry.direction_vector, geometry.moved
-    section_end, rod_end, section_from = geometry.section_end, geometry.rod_end, geometry.section_from
+    section_end, rod_end = geometry.section_end, geometry.rod_end
+    section_from, section_at = geometry.section_from, geometry.section_at
 
     # ---- nodes ----
 
@@ -124,13 +124,13 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             set_lane(memory, row + j, l, d(a[j]))
 
     reach = SimpleNamespace(
-        memory_type=memory_type, section_from=section_from, counted=counted, set_number=set_number, set_vector=set_vector,
+        memory_type=memory_type, section_at=section_at, counted=counted, set_number=set_number, set_vector=set_vector,
         load_vector=load_vector, direction_vector=direction_vector,
     )  # fmt: skip
     acting = load_of_all(layout, at, reach)
     load_acting, load_acting_direction = acting.stretch, acting.direction
     members = make_member_loading(layout, memory, W, d, conditions, reach)
-    load_members, load_functions = members.load_members, members.load_functions
+    load_members = members.load_members
 
     @wp.func(inline=False)
     def load_sections(
@@ -142,15 +142,11 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         if wp.static(SEVERAL and not HELD):
             # the natural branch of several rods begins where all are straight: their precurvature is raised with the loads, by
             # the root, as torques grow with its square and with the angles
-            factor = case.unit * wp.sqrt(call.load_factor[case.index])
+            factor = case.unit * wp.sqrt(call.problem.load_factor[case.index])
         EI = f64(0.0)
         stiffness = f64(0.0)
         for i in range(rods.end.shape[1]):
-            from_here = section_from(rods, call, case, i, s)
-            m = wp.min(from_here, rods.end.shape[2] - 1)
-            present = f64(1.0)
-            if from_here == rods.end.shape[2]:
-                present = f64(0.0)
+            m, present = section_at(rods, call, case, i, s)
             EI_x = rods.material[case.rods, i, m, 0]
             EI_y = rods.material[case.rods, i, m, 1]
             EI += present * EI_x
@@ -176,10 +172,6 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                     if wp.static(SHEAR):
                         shear = rods.material[case.rods, i, m, 6 + j] * case.force
                         set_number(memory, z + wp.static(z_at("shear")) + j, l, shear)
-            if wp.static(MEMBERS):
-                load_members(rods, call, case, memory, z, l, m)
-            if wp.static(FUNCTIONS > 0):
-                load_functions(rods, case, memory, z, l, m)
             for j in range(wp.static(3 * CURVATURE_TERMS)):
                 u = factor * rods.precurvature[case.rods, i, m, j]
                 set_number(memory, z + wp.static(z_at("precurvature")) + i * wp.static(3 * CURVATURE_TERMS) + j, l, u)
@@ -188,12 +180,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 if m > 0:
                     begin = rods.end[case.rods, i, m - 1]
                 end = rods.end[case.rods, i, m]
-                centre = f64(0.5) * (begin + end) + call.inputs[case.index, wp.static(TRANSLATION) + i] - s
+                centre = f64(0.5) * (begin + end) + call.problem.inputs[case.index, wp.static(TRANSLATION) + i] - s
                 slope = f64(0.0)
                 if end > begin:
                     slope = f64(2.0) / (end - begin)
                 set_number(memory, z + wp.static(z_at("centre")) + i, l, centre / case.unit)
                 set_number(memory, z + wp.static(z_at("slope")) + i, l, slope * case.unit)
+        if wp.static(MEMBERS):
+            load_members(rods, call, case, memory, z, l, s)
         if wp.static(LOADS):
             set_number(memory, z + wp.static(z_at("from_base")), l, s / case.unit)
             load_acting(rods, call, case, memory, z, l, s)
@@ -235,7 +229,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                         case.to_base * direction_vector(call, case, k, DISTRIBUTED_MOMENT)
                     )
                     set_vector(memory, g + wp.static(given_at("distributed_moment")), l, moment)
-                profile = call.directions[case.direction, k, PROFILE_FACTOR]
+                profile = call.problem.directions[case.direction, k, PROFILE_FACTOR]
                 if case.profile_factor != f64(0.0):
                     profile /= case.profile_factor
                 set_number(memory, g + wp.static(given_at("profile")), l, profile / unit)
@@ -289,6 +283,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         if wp.static(MEMBERS):
             # what another lane found is none of this one's: results would depend on how columns are shared out
             set_number(memory, z + wp.static(z_at("unanswered")), l, f64(0.0))
+        if wp.static(MEMBERS and not CARRIERS):
             for j in range(wp.static(layout.LAST_STRAINS)):
                 set_number(memory, z + wp.static(z_at("strains")) + j, l, f64(0.0))
             for j in range(wp.static(layout.STRAINS)):
@@ -315,6 +310,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     if layout.DESIGN:
         known = SimpleNamespace(
             section_from=section_from,
+            section_at=section_at,
             section_end=section_end,
             set_number=set_number,
             find_end=find_end,
@@ -324,15 +320,12 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         moved, mass_rate_until = changed.moved, changed.mass_rate_until
         find_end, load_directions = changed.find_end, changed.load_directions
     known = SimpleNamespace(
-        section_end=section_end, section_from=section_from, moved=moved, mass_rate_until=mass_rate_until,
+        section_end=section_end, section_at=section_at, moved=moved, mass_rate_until=mass_rate_until,
         direction_vector=direction_vector, set_number=set_number, set_vector=set_vector,
     )  # fmt: skip
     loads = make_distributed(layout, memory, memory_type, known)
     piece_from, profile_integral, density_at = loads.piece_from, loads.profile_integral, loads.density_at
     distributed_here, load_profile = loads.distributed_here, loads.load_profile
-    if CARRIERS:
-        parts = SimpleNamespace(section_from=section_from, set_number=set_number, counted=counted, make_drive=members.make_drive)
-        load_stretch = load_members_of_tubes(layout, memory, W, d, parts, load_stretch)
     return SimpleNamespace(
         conditions=conditions,
         load_drive_columns=members.load_drive_columns,
@@ -342,6 +335,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         section_end=section_end,
         rod_end=rod_end,
         section_from=section_from,
+        section_at=section_at,
         load_instance=geometry.load_instance,
         total_load=loads.total_load,
         total_load_rate=loads.total_load_rate,

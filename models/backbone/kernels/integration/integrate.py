@@ -49,15 +49,15 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
 
     @wp.func
     def count(call: wp.ref[Call], jobs: wp.ref[Call]) -> int:
-        return call.order.shape[0]
+        return call.problem.order.shape[0]
 
     @wp.func
     def wanted(call: wp.ref[Call], jobs: wp.ref[Call], t: int) -> bool:
-        return call.active[call.order[t]] != 0
+        return call.problem.active[call.problem.order[t]] != 0
 
     @wp.func
     def instance_of(call: wp.ref[Call], jobs: wp.ref[Call], t: int) -> int:
-        return call.order[t]
+        return call.problem.order[t]
 
     @wp.func(inline=False)
     def enter(
@@ -124,8 +124,8 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
             write_pose(call, case, y)
             for i in range(wp.static(LENGTHS)):
                 call.line_length[t, i] = y[wp.static(LENGTHS_AT) + i]
-            call.fault[t] = int(call.lane[p, FAULT])
-            call.step_count[t] = step_count(memory, o, l)
+            call.problem.fault[t] = int(call.lane[p, FAULT])
+            call.problem.step_count[t] = step_count(memory, o, l)
         first = first_column(call, job)
         for c in range(column_count(call, job)):
             v = column_in(case, memory, o, l, c)
@@ -142,7 +142,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
                 if call.node_count > 0:
                     write_momenta(call, case, y, v, first + c)
         if not wp.isfinite(total):
-            call.fault[t] = cause(memory, o, l, wp.static(int(Fault.NONFINITE)))
+            call.problem.fault[t] = cause(memory, o, l, wp.static(int(Fault.NONFINITE)))
 
     jobs = SimpleNamespace(
         Jobs=Call, count=count, wanted=wanted, instance_of=instance_of, enter=enter, go_on=go_on, finish=finish

@@ -3,6 +3,8 @@
 
 import warp as wp
 
+from multirod.kernels.problem_arrays import ProblemArrays
+
 
 @wp.struct
 class RodTable:
@@ -21,15 +23,21 @@ class RodTable:
 
 
 @wp.struct
+class TipWrench:
+    """What rods carry at a tip that is held, in the world; the first axis is the batch."""
+
+    values: wp.array2d[wp.float64]  # (batch, 6): internal force, then moment
+    columns: wp.array3d[wp.float64]  # (batch, 6, unknown + direction)
+
+
+@wp.struct
 class Call:
     """What one launch reads and writes; the first axis is the batch."""
 
-    order: wp.array[int]  # instances that a launch passes over
-    active: wp.array[int]  # instances with 0 are left untouched
-    unknowns: wp.array2d[wp.float64]
-    inputs: wp.array2d[wp.float64]
-    load_factor: wp.array[wp.float64]  # multiplies every load
-    directions: wp.array3d[wp.float64]  # (batch or 1, direction, input)
+    # of the problem, or in its place; of several rods ``pose_columns`` have rows below the pose's, how they turn, and a column
+    # more, by how much
+    problem: ProblemArrays
+    wrench: TipWrench
     direction_stride: int
     steps: wp.float64
     step_multiple: wp.float64  # what the steps of a stretch are a multiple of
@@ -46,14 +54,6 @@ class Call:
     chunk: int  # lanes' jobs, an instance's part each, of a thread
     lane: wp.array2d[wp.float64]  # (lane, LANE_SIZE): where each stands
     # outputs
-    fault: wp.array[int]
-    step_count: wp.array[int]
-    residual: wp.array2d[wp.float64]  # (batch, unknown) [1/m]
-    gamma: wp.array3d[wp.float64]  # (batch, unknown, unknown)
-    residual_directions: wp.array3d[wp.float64]  # (batch, unknown, direction)
-    position: wp.array[wp.vec3d]
-    rotation: wp.array[wp.mat33d]
-    pose_columns: wp.array3d[wp.float64]  # (batch, 6, unknown + direction), world frame
     node_arclength: wp.array2d[wp.float64]  # (batch, node)
     node_position: wp.array2d[wp.vec3d]
     node_rotation: wp.array2d[wp.mat33d]
@@ -67,9 +67,6 @@ class Call:
     work: wp.array[wp.float64]  # of the dead forces, from all of the rod at its base, and of what drives members
     line_length: wp.array2d[wp.float64]  # (batch, drive) [m]
     line_length_columns: wp.array3d[wp.float64]  # (batch, drive, unknown + direction)
-    # of a held tip
-    tip_wrench: wp.array2d[wp.float64]  # (batch, 6): internal force, then moment, world frame
-    wrench_columns: wp.array3d[wp.float64]  # (batch, 6, unknown + direction)
     # at every node of the grid but the base, in its order; rows past the last are left as they are
     column_arclength: wp.array2d[wp.float64]  # (batch, grid node)
     node_columns: wp.array4d[wp.float64]  # (batch, grid node, n + 2, unknown)

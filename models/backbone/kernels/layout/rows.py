@@ -15,7 +15,7 @@ def input_size(rod_count: int, drive_count: int = 0) -> int:
 
 
 class InputOffsets:
-    """Where each input begins in a row of ``Call.inputs`` and ``Call.directions``; see ``input_size``."""
+    """Where each input begins in a row of ``ProblemArrays.inputs`` and ``directions``; see ``input_size``."""
 
     def __init__(self, rod_count: int, drive_count: int = 0) -> None:
         self.ROTATION = 0

@@ -86,7 +86,7 @@ class Foundation(Load):
 
     @classmethod
     def loading(cls, grid: SimpleNamespace) -> SimpleNamespace:
-        memory_type, set_vector, section_from = grid.memory_type, grid.set_vector, grid.section_from
+        memory_type, set_vector, section_at = grid.memory_type, grid.set_vector, grid.section_at
         STIFFNESS = grid.on_stretch("stiffness")
 
         @wp.func
@@ -96,11 +96,10 @@ class Foundation(Load):
             """Raised with the loads: the unloaded rod is where solvers begin."""
             medium = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
             for i in range(rods.end.shape[1]):
-                m = section_from(rods, call, case, i, s)
-                if m < rods.end.shape[2]:
-                    for j in range(3):
-                        medium[j] = medium[j] + rods.material[case.rods, i, m, wp.static(MEDIUM) + j]
-            scale = call.load_factor[case.index] * case.unit * case.unit / case.force
+                m, present = section_at(rods, call, case, i, s)
+                for j in range(3):
+                    medium[j] = medium[j] + present * rods.material[case.rods, i, m, wp.static(MEDIUM) + j]
+            scale = call.problem.load_factor[case.index] * case.unit * case.unit / case.force
             set_vector(memory, z + wp.static(STIFFNESS), l, scale * medium)
 
         @wp.func

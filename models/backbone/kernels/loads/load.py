@@ -111,13 +111,13 @@ class Load(ABC):
         Args:
             grid: ``n``, ``column``, where its parameters stand in the material, ``input``, where its input begins in a row;
                 ``on_stretch(name)``, ``of_direction(name)`` as for ``law``; ``set_number(memory, row, lane, value)``,
-                ``set_vector``, ``section_from``, ``load_vector``, ``direction_vector`` and ``counted``.
+                ``set_vector``, ``section_at``, ``load_vector``, ``direction_vector`` and ``counted``.
 
         Returns:
             ``stretch(rods, call, case, memory, z, l, s)`` and ``direction(call, case, memory, g, l, k, unit)``.
         """
         memory_type, n, COLUMN, INPUT = grid.memory_type, grid.n, grid.column, grid.input
-        set_number, set_vector, section_from, counted = grid.set_number, grid.set_vector, grid.section_from, grid.counted
+        set_number, set_vector, section_at, counted = grid.set_number, grid.set_vector, grid.section_at, grid.counted
         load_vector, direction_vector = grid.load_vector, grid.direction_vector
         powers, RAISED = list(cls.parameters.values()), [name in cls.raised for name in cls.parameters]
         FIRST = grid.on_stretch(next(iter(cls.parameters))) if powers else -1
@@ -128,15 +128,11 @@ class Load(ABC):
             rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64
         ):
             for i in range(rods.end.shape[1]):
-                m = section_from(rods, call, case, i, s)
-                present = f64(1.0)
-                if m == rods.end.shape[2]:
-                    present = f64(0.0)
-                    m -= int(1)
+                m, present = section_at(rods, call, case, i, s)
                 for j in range(wp.static(len(powers))):
                     value = present * rods.material[case.rods, i, m, wp.static(COLUMN + j)]
                     if wp.static(RAISED[j]):
-                        value *= call.load_factor[case.index]
+                        value *= call.problem.load_factor[case.index]
                     value = counted(case, value, f64(wp.static(powers[j][0])), f64(wp.static(powers[j][1])))
                     set_number(memory, z + wp.static(FIRST + n * j) + i, l, value)
             if wp.static(INPUT >= 0):

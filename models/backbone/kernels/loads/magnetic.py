@@ -152,7 +152,7 @@ class Magnetic(Load):
 
     @classmethod
     def loading(cls, grid: SimpleNamespace) -> SimpleNamespace:
-        memory_type, set_number, section_from = grid.memory_type, grid.set_number, grid.section_from
+        memory_type, set_number, section_at = grid.memory_type, grid.set_number, grid.section_at
         OWN, own_input = grid.on_stretch("magnetisation"), super().loading(grid)
         load_input = own_input.stretch
 
@@ -162,11 +162,7 @@ class Magnetic(Load):
         ):
             load_input(rods, call, case, memory, z, l, s)
             for i in range(rods.end.shape[1]):
-                m = section_from(rods, call, case, i, s)
-                present = f64(1.0)
-                if m == rods.end.shape[2]:
-                    present = f64(0.0)
-                    m -= int(1)
+                m, present = section_at(rods, call, case, i, s)
                 for j in range(3):
                     mu = present * rods.material[case.rods, i, m, wp.static(MAGNETISATION) + j] / case.force
                     set_number(memory, z + wp.static(OWN) + 3 * i + j, l, mu)

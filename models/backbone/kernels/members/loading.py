@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""What members bring to a stretch, of one rod and of concentric tubes, and what columns vary of their drives.
+"""What members bring to a stretch, and what columns vary of their drives.
 
 ``s`` is where the stretch begins, ``g`` where stands what a column varies, ``l`` a lane, ``o`` where the thread's memory begins,
 ``z`` where the record of the stretch stands. Numbers in parentheses are those of ``docs/lines.md``.
@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.instance import Instance
-from multirod.models.backbone.kernels.layout.arguments import START, Call, RodTable
+from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
 from multirod.models.backbone.kernels.layout.members import columns_in_material, drive_places, driven
 from multirod.models.backbone.kernels.layout.rows import InputOffsets
@@ -20,17 +20,15 @@ f64 = wp.float64
 
 
 def make_member_loading(layout: Layout, memory: Memory, W: int, d, conditions: SimpleNamespace, reach: SimpleNamespace):
-    """Functions that load the numbers of the members of one rod, and what columns vary of drives; ``reach`` is what they use."""
+    """Functions that load the numbers of members, and what columns vary of their drives; ``reach`` is what they use."""
     get_lane, memory_type = lanes(W, d).get, wp.array(dtype=d)
-    features, CARRIERS = layout.features, layout.CARRIERS  # whose members are loaded by themselves
-    MEMBERS = bool(features.members) and not CARRIERS
-    FUNCTIONS, FUNCTION_TERMS = layout.FUNCTIONS * (not CARRIERS), layout.FUNCTION_TERMS
+    features, CARRIERS = layout.features, layout.CARRIERS
+    FUNCTIONS, TERMS, FUNCTIONS_AT = layout.FUNCTIONS, layout.FUNCTION_TERMS, layout.stretch["functions"]
     *IN_MATERIAL, FUNCTIONS_IN_MATERIAL = columns_in_material(features.members)
-    FUNCTION_POWERS = [powers for kind in features.members for powers in kind.functions.values()]
     DRIVES_VARY, PLACES, DRIVES_AT = layout.DRIVES_VARY, drive_places(features.members), InputOffsets(layout.n).DRIVES
     COLUMNS, COLUMN_SIZE, GIVEN = memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
-    z_at, given_at = layout.stretch.__getitem__, layout.given.__getitem__
-    counted, set_number = reach.counted, reach.set_number
+    given_at = layout.given.__getitem__
+    counted, set_number, section_at = reach.counted, reach.set_number, reach.section_at
 
     def make_drive(k: int):
         """The function that returns T of member k."""
@@ -40,51 +38,50 @@ def make_member_loading(layout: Layout, memory: Memory, W: int, d, conditions: S
         @wp.func
         def given(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
             """Raised with the loads: the unloaded rod is where solvers begin."""
-            return call.load_factor[case.index] * call.inputs[case.index, wp.static(drive)]
+            return call.problem.load_factor[case.index] * call.problem.inputs[case.index, wp.static(drive)]
 
         return conditions.drive_of[number] if features.members[k].conditioned else given
 
     def load_member(k: int, kind: type, rest):
-        """The function that loads the parameters and the drive of member k, then those of the members after it."""
-        first, powers = layout.of_member(k)[0], list(kind.parameters.values())
-        column = IN_MATERIAL[k]
+        """The function that loads the parameters, the drive and the functions of member k from s on, then those of the members
+        after it; where its rod has ended its parameters are zero."""
+        rod, column = features.member_rods[k] if CARRIERS else 0, IN_MATERIAL[k]
+        first, function = layout.of_member(k)
+        powers, function_powers = list(kind.parameters.values()), list(kind.functions.values())
         driven, unit = kind.drive is not None, kind.drive[1] if kind.drive is not None else (0, 0)
         drive_value = make_drive(k) if driven else None
 
         @wp.func
-        def load(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int):
+        def load(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64):
+            m, present = section_at(rods, call, case, wp.static(rod), s)
             for j in range(wp.static(len(powers))):
-                value = rods.material[case.rods, 0, m, wp.static(column) + j]
+                value = present * rods.material[case.rods, wp.static(rod), m, wp.static(column) + j]
                 value = counted(case, value, f64(wp.static(powers[j][0])), f64(wp.static(powers[j][1])))
                 set_number(memory, z + wp.static(first) + j, l, value)
             if wp.static(driven):
                 value = drive_value(rods, call, case)
                 value = counted(case, value, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
                 set_number(memory, z + wp.static(first + len(powers)), l, value)
-            rest(rods, call, case, memory, z, l, m)
+            for j in range(wp.static(len(function_powers))):
+                for t in range(wp.static(TERMS)):
+                    row = t * wp.static(FUNCTIONS) + wp.static(function + j)
+                    value = rods.material[case.rods, wp.static(rod), m, wp.static(FUNCTIONS_IN_MATERIAL) + row]
+                    power = f64(wp.static(function_powers[j][0]))
+                    value = counted(case, value, power, f64(wp.static(function_powers[j][1])))
+                    set_number(memory, z + wp.static(FUNCTIONS_AT) + row, l, value)
+            rest(rods, call, case, memory, z, l, s)
 
         return load
 
     @wp.func
     def load_no_member(
-        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int
+        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64
     ):
         """After the last."""
 
     load_members = load_no_member
-    for k, kind in reversed(list(enumerate(features.members)) if MEMBERS else []):
+    for k, kind in reversed(list(enumerate(features.members))):
         load_members = load_member(k, kind, load_members)
-
-    @wp.func
-    def load_functions(rods: wp.ref[RodTable], case: wp.ref[Instance], memory: memory_type, z: int, l: int, m: int):
-        """The polynomials of members."""
-        terms = int(wp.static(FUNCTION_TERMS))
-        for k in range(terms):
-            for j in range(wp.static(FUNCTIONS)):
-                row = k * wp.static(FUNCTIONS) + j
-                value = rods.material[case.rods, 0, m, wp.static(FUNCTIONS_IN_MATERIAL) + row]
-                value = counted(case, value, f64(wp.static(FUNCTION_POWERS[j][0])), f64(wp.static(FUNCTION_POWERS[j][1])))
-                set_number(memory, z + wp.static(z_at("functions") if FUNCTIONS else -1) + row, l, value)
 
     def load_drive_column(k: int, own: type, rest):
         """The function that loads what a column varies of drive k, then of those after it."""
@@ -110,7 +107,7 @@ def make_member_loading(layout: Layout, memory: Memory, W: int, d, conditions: S
             else:
                 direction = column - call.unknown_columns
                 if direction >= 0:
-                    value = call.directions[case.direction, direction, wp.static(DRIVES_AT + PLACES[k])]
+                    value = call.problem.directions[case.direction, direction, wp.static(DRIVES_AT + PLACES[k])]
             value = counted(case, value / scale, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
             set_number(memory, g + wp.static(given_at("drives") + k), l, value)
             rest(rods, call, case, memory, g, l, column, scale)
@@ -144,82 +141,6 @@ def make_member_loading(layout: Layout, memory: Memory, W: int, d, conditions: S
         chain_of_columns(rods, call, case, memory, g, l, k, f64(get_lane(memory, g + wp.static(given_at("unit")), l)))
 
     return SimpleNamespace(
-        make_drive=make_drive,
         load_members=load_members,
-        load_functions=load_functions,
         load_drive_columns=load_drive_columns,
     )
-
-
-def load_members_of_tubes(layout: Layout, memory: Memory, W: int, d, grid: SimpleNamespace, load_stretch):
-    """``load_stretch`` of tubes, and then their members; nothing of those of a tube that has ended."""
-    memory_type = wp.array(dtype=d)
-    features, Z, TERMS, FUNCTIONS = layout.features, memory.STRETCH, layout.FUNCTION_TERMS, layout.FUNCTIONS
-    *IN_MATERIAL, FUNCTIONS_IN_MATERIAL = columns_in_material(features.members)
-    UNANSWERED, FUNCTIONS_AT = layout.stretch["unanswered"], layout.stretch["functions"]
-    section_from, set_number, counted, make_drive = grid.section_from, grid.set_number, grid.counted, grid.make_drive
-
-    def load_member(k: int, kind: type, rest):
-        """The function that loads the parameters, the drive and the functions of member k, then those of the members after it."""
-        tube, column = features.member_rods[k], IN_MATERIAL[k]
-        first, function = layout.of_member(k)
-        powers, function_powers = list(kind.parameters.values()), list(kind.functions.values())
-        driven, unit = kind.drive is not None, kind.drive[1] if kind.drive is not None else (0, 0)
-        drive_value = make_drive(k) if driven else None
-
-        @wp.func
-        def load(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64):
-            section = section_from(rods, call, case, wp.static(tube), s)
-            m = wp.min(section, rods.end.shape[2] - 1)
-            present = f64(1.0)
-            if section == rods.end.shape[2]:
-                present = f64(0.0)
-            for j in range(wp.static(len(powers))):
-                value = present * rods.material[case.rods, wp.static(tube), m, wp.static(column) + j]
-                value = counted(case, value, f64(wp.static(powers[j][0])), f64(wp.static(powers[j][1])))
-                set_number(memory, z + wp.static(first) + j, l, value)
-            if wp.static(driven):
-                value = drive_value(rods, call, case)
-                value = counted(case, value, f64(wp.static(unit[0])), f64(wp.static(unit[1])))
-                set_number(memory, z + wp.static(first + len(powers)), l, value)
-            for j in range(wp.static(len(function_powers))):
-                for t in range(wp.static(TERMS)):
-                    row = t * wp.static(FUNCTIONS) + wp.static(function + j)
-                    value = rods.material[case.rods, wp.static(tube), m, wp.static(FUNCTIONS_IN_MATERIAL) + row]
-                    power = f64(wp.static(function_powers[j][0]))
-                    value = counted(case, value, power, f64(wp.static(function_powers[j][1])))
-                    set_number(memory, z + wp.static(FUNCTIONS_AT) + row, l, value)
-            rest(rods, call, case, memory, z, l, s)
-
-        return load
-
-    @wp.func
-    def load_no_member(
-        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64
-    ):
-        """After the last."""
-
-    load_members = load_no_member
-    for k, kind in reversed(list(enumerate(features.members))):
-        load_members = load_member(k, kind, load_members)
-
-    @wp.func(inline=False)
-    def load_stretch_of_tubes(
-        rods: wp.ref[RodTable],
-        call: wp.ref[Call],
-        case: wp.ref[Instance],
-        memory: memory_type,
-        o: int,
-        l: int,
-        p: int,
-        job: int,
-        first: int,
-        count: int,
-    ):
-        """The stretch from the node where a lane stands to the next."""
-        load_stretch(rods, call, case, memory, o, l, p, job, first, count)
-        z = o + wp.static(Z)
-        load_members(rods, call, case, memory, z, l, call.lane[p, START])
-        set_number(memory, z + wp.static(UNANSWERED), l, f64(0.0))
-
-    return load_stretch_of_tubes

@@ -57,7 +57,7 @@ class CompiledForm:
         columns = size
         if tip is not None:
             columns = size + 3
-            state.wrench, state.pose, state.by_wrench = tip.wrench_columns, call.pose_columns, int(tip.by_wrench)
+            state.wrench, state.pose, state.by_wrench = tip.wrench_columns, call.problem.pose_columns, int(tip.by_wrench)
             state.tip_wrench = tip.wrench
         given = {"wanted": ((), wp.int32), "ends": ((rods,), wp.float64), "unit": ((), wp.float64)}
         found = {"matrix": ((columns, columns), wp.float64)} | dict.fromkeys(("conjugate", "known", "open"), ((), wp.int32))
