@@ -90,12 +90,74 @@ def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t:
     return sign
 
 
+def make_jacobi(kind, entry, put):
+    """The function that finds eigenvectors and eigenvalues of symmetric matrices (n, n) by Jacobi's rotations.
+
+    Args:
+        kind: Type of a matrix in kernels; ``t`` says which of several it is.
+        entry, put: Functions that read, ``entry(A, t, i, j)``, and set, ``put(A, t, i, j, value)``, a number of it.
+    """
+
+    @wp.func
+    def rotate(A: kind, t: int, p: int, q: int, n: int, c: f64, s: f64):
+        """Columns p and q."""
+        for k in range(n):
+            x = entry(A, t, k, p)
+            y = entry(A, t, k, q)
+            put(A, t, k, p, c * x - s * y)
+            put(A, t, k, q, s * x + c * y)
+
+    @wp.func
+    def diagonalise(A: kind, V: kind, t: int, n: int):
+        """Eigenvectors become columns of V; eigenvalues stand on the diagonal of A, the rest of which is used up."""
+        size = f64(0.0)
+        for i in range(n):
+            for j in range(n):
+                put(V, t, i, j, f64(0.0))
+                size = wp.max(size, wp.abs(entry(A, t, i, j)))
+            put(V, t, i, i, f64(1.0))
+        sweep = int(0)
+        off = size
+        while sweep < 30 and off > f64(1.0e-17) * size:
+            sweep += 1
+            off = f64(0.0)
+            for p in range(n):
+                for q in range(p + 1, n):
+                    a = entry(A, t, p, q)
+                    off = wp.max(off, wp.abs(a))
+                    if wp.abs(a) > f64(1.0e-18) * size:
+                        h = (entry(A, t, q, q) - entry(A, t, p, p)) / (f64(2.0) * a)
+                        r = f64(1.0) / (wp.abs(h) + wp.sqrt(h * h + f64(1.0)))
+                        if h < f64(0.0):
+                            r = -r
+                        c = f64(1.0) / wp.sqrt(r * r + f64(1.0))
+                        s = r * c
+                        rotate(A, t, p, q, n, c, s)
+                        for k in range(n):
+                            x = entry(A, t, p, k)
+                            y = entry(A, t, q, k)
+                            put(A, t, p, k, c * x - s * y)
+                            put(A, t, q, k, s * x + c * y)
+                        rotate(V, t, p, q, n, c, s)
+
+    return diagonalise
+
+
 @cache
 def make_linear_algebra(n: int):
     """Functions on n x n matrices: ``solve`` (LU), ``cholesky``, ``eigen`` (Jacobi), and the types they take."""
     Vector = wp.types.vector(length=n, dtype=f64)
     Matrix = wp.types.matrix(shape=(n, n), dtype=f64)
     Eigen = wp.types.matrix(shape=(n + 1, n), dtype=f64)
+
+    # in their place: Warp's own would copy the matrix
+    @wp.func_native("return A.data[i][j];")
+    def entry(A: wp.ref[Matrix], t: int, i: int, j: int) -> f64: ...
+
+    @wp.func_native("A.data[i][j] = value;")
+    def put(A: wp.ref[Matrix], t: int, i: int, j: int, value: f64): ...
+
+    diagonalise = make_jacobi(wp.ref[Matrix], entry, put)
 
     @wp.func
     def solve(A: Matrix, b: Vector) -> Vector:
@@ -164,43 +226,7 @@ def make_linear_algebra(n: int):
     def eigen(A: Matrix) -> Eigen:
         """Eigenvectors (columns of the first n rows) and eigenvalues (last row) of a symmetric matrix, by Jacobi rotations."""
         V = Matrix()
-        size = f64(0.0)
-        for i in range(n):
-            V[i, i] = f64(1.0)
-            for j in range(n):
-                size = wp.max(size, wp.abs(A[i, j]))
-        sweep = int(0)
-        off = size
-        while sweep < 30 and off > f64(1.0e-17) * size:
-            sweep += 1
-            off = f64(0.0)
-            for p in range(n):
-                for q in range(n):
-                    if q > p:
-                        a = A[p, q]
-                        off = wp.max(off, wp.abs(a))
-                        if wp.abs(a) > f64(1.0e-18) * size:
-                            h = (A[q, q] - A[p, p]) / (f64(2.0) * a)
-                            t = f64(1.0) / (wp.abs(h) + wp.sqrt(h * h + f64(1.0)))
-                            if h < f64(0.0):
-                                t = -t
-                            c = f64(1.0) / wp.sqrt(t * t + f64(1.0))
-                            s = t * c
-                            for k in range(n):
-                                x = A[k, p]
-                                y = A[k, q]
-                                A[k, p] = c * x - s * y
-                                A[k, q] = s * x + c * y
-                            for k in range(n):
-                                x = A[p, k]
-                                y = A[q, k]
-                                A[p, k] = c * x - s * y
-                                A[q, k] = s * x + c * y
-                            for k in range(n):
-                                x = V[k, p]
-                                y = V[k, q]
-                                V[k, p] = c * x - s * y
-                                V[k, q] = s * x + c * y
+        diagonalise(A, V, 0, n)
         result = Eigen()
         for i in range(n):
             for j in range(n):
