@@ -27,7 +27,7 @@ from multirod.models.backbone.derivatives.designs import PARAMETERS
 from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.kernels.layout.layout import unknowns_of
+from multirod.models.backbone.kernels.layout.layout import residuals_of, unknowns_of
 from multirod.models.backbone.kernels.layout.members import drive_slices, drives
 from multirod.models.backbone.kernels.layout.rows import INPUT_VECTORS, DesignOffsets, InputOffsets, input_size
 from multirod.models.backbone.kernels.loads.load import Load
@@ -125,6 +125,7 @@ class BackboneProblem(BoundaryProblem):
         self.arrays = arrays.take(batch_shape)
         self.features = self._features(inputs)
         self.slots = unknowns_of(self.features)
+        self.rows = residuals_of(self.slots)
         self.drives = drives(self.features.members)
         self.drive_count = len(self.drives)
         self.first_drive = InputOffsets(len(rods)).DRIVES  # of a row of inputs

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.kernels.layout.layout import unknowns_of
+from multirod.models.backbone.kernels.layout.layout import residuals_of, unknowns_of
 from multirod.models.backbone.kernels.layout.members import drive_places
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import Block
@@ -23,25 +23,38 @@ def blocks_of(features: Features) -> list[Block]:
     before its rod's. An unknown base force, which all rods share, is the last.
     """
     slots = unknowns_of(features)
-    moment, force, first = slots.places["moment"], slots.places["force"], slots.places["torques"].start
-    places: list[tuple[str, slice, int | None]]
-    driven = np.arange(slots.size)[slots.places["drives"]]
+    rows = residuals_of(slots)
+
+    def block(name: str, residual: str, rod: int | None, numbers: slice = slice(None)) -> Block:
+        """Of the unknowns that a residual stands for, or some of them."""
+        own = [np.arange(slots.size)[slots.places[slot.name]] for slot in slots.named.values() if slot.residual == residual]
+        answered = np.arange(rows.size)[rows.places[residual]]
+        return Block(name, _place(np.concatenate(own)[numbers]), _place(answered[numbers]), rod)
+
     carried_by = features.member_rods or (0,) * len(features.members)
     carriers = [rod for rod, kind in zip(carried_by, features.members, strict=True) if kind.conditioned]
-    lines = [Block(f"line {k + 1}", row[None], row[None], rod) for k, (row, rod) in enumerate(zip(driven, carriers, strict=True))]
-    if lines and features.rod_count == 1:
-        own_rows = np.delete(np.arange(slots.size), driven)
-        return [*lines, Block("rod 1", own_rows, own_rows, 0)]
-    if not features.torque_count:  # one rod, or several that are one
-        places = [("rod 1", slice(0, slots.size), 0)] if not lines else [("tube 1", moment, 0), ("base force", force, None)]
-    else:
-        own = features.rod_count - features.torque_count  # that have no torque of their own
-        places = [
-            (f"tube {k + 1}", slice(first + k - own, first + k - own + 1), k) for k in range(features.rod_count - 1, own - 1, -1)
-        ]
-        places += [("tube 1" if own else "line", moment, 0 if own else None)] if features.moment else []
-        places += [("base force", force, None)] if features.base_force_unknown else []
-    return lines + [Block(name, place, place, rod) for name, place, rod in places if place.stop > place.start]
+    lines = [block(f"line {k + 1}", "conditions", rod, slice(k, k + 1)) for k, rod in enumerate(carriers)]
+    if features.rod_count == 1 or not (features.torque_count or lines):  # one rod, or several that are one
+        unknowns = np.delete(np.arange(slots.size), slots.places["drives"])
+        residuals = np.delete(np.arange(rows.size), rows.places["conditions"])
+        return [*lines, Block("rod 1", _place(unknowns), _place(residuals), 0)]
+    apart = features.rod_count - features.torque_count  # that have no torque of their own
+    blocks = [
+        block(f"tube {k + 1}", "torques", k, slice(k - apart, k - apart + 1))
+        for k in range(features.rod_count - 1, apart - 1, -1)
+    ]
+    bending = str(slots.named["moment"].residual)  # in the joint of a held tip, with the base force
+    if features.moment:
+        blocks.append(block("tube 1" if apart else "line", bending, 0 if apart else None))
+    if features.base_force_unknown and not features.held:
+        blocks.append(block("base force", "force", None))
+    return lines + blocks
+
+
+def _place(numbers: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+    """Rising numbers, as a slice where they follow each other."""
+    whole = slice(int(numbers[0]), int(numbers[-1]) + 1)
+    return whole if whole.stop - whole.start == len(numbers) else numbers
 
 
 def guess(problem: "BackboneProblem") -> FloatArray:

@@ -268,7 +268,7 @@ class HeldSegments(BackboneSegments):
         residual[:, :6], columns[:, :6] = ends.residual.numpy(), ends.residual_columns.numpy()
         opening = (1 - level)[:, None] * held.table.opening.numpy()[chosen]
         if m > 6:
-            rows = slice(self._drives.start + 3, self._drives.start + 3 + m - 6)
+            rows = self._rows.places["conditions"]
             residual[:, 6:m] = call.problem.residual.numpy()[chosen, rows] - opening[:, 6:m]
             columns[:, 6:m, :own_size] = call.problem.gamma.numpy()[chosen, rows]
             columns[:, 6:m, d:] = call.problem.residual_directions.numpy()[chosen, rows, :K]

@@ -11,7 +11,7 @@ import warp as wp
 from multirod.batch import IntArray
 from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, unknowns_of
+from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, residuals_of, unknowns_of
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
 from multirod.models.backbone.segments.room import Room
 from multirod.models.backbone.stability.condensing.by_segments import form_by_segments
@@ -51,15 +51,16 @@ class BackboneSegments(Segments):
         self._state, self._varied = breakpoint_state(self.features), unknowns_of(self.features)
         d = self.variation_size = self._varied.size
         self.unknown_places = of_whole(self._varied)
-        count = problem.instance_count
+        self._rows = residuals_of(self._varied)
+        count, m = problem.instance_count, self._rows.size
         self.device = device = problem.device
         self._call: Struct = problem.buffers.call()
         own = self._call.problem
         own.load_factor = wp.ones(count, dtype=wp.float64, device=device)
         own.unknowns = wp.zeros((count, d), dtype=wp.float64, device=device)
-        own.residual = wp.zeros((count, d), dtype=wp.float64, device=device)
-        own.gamma = wp.zeros((count, d, d), dtype=wp.float64, device=device)
-        own.residual_directions = wp.zeros((count, d, max(problem.direction_count, 1)), dtype=wp.float64, device=device)
+        own.residual = wp.zeros((count, m), dtype=wp.float64, device=device)
+        own.gamma = wp.zeros((count, m, d), dtype=wp.float64, device=device)
+        own.residual_directions = wp.zeros((count, m, max(problem.direction_count, 1)), dtype=wp.float64, device=device)
         self._stiffness = np.broadcast_to(unit_stiffness(problem.arrays.material[:, 0, 0]), (count, 3))
         self._precurvature = np.broadcast_to(problem.arrays.precurvature[:, 0, 0, :3], (count, 3))
         self._scale = np.broadcast_to(problem.arrays.end[:, 0, -1], (count,))
@@ -67,11 +68,13 @@ class BackboneSegments(Segments):
         levers = [np.broadcast_to(lever, (count,)) for lever in problem.lines.levers()]
         grips = [np.ones(count)] * self.features.grip_count
         self._units = np.stack([*levers, *grips, np.ones(count)], axis=1)[:, :-1] * self._scale[:, None]
-        self._sums = slice(self._state.places["lengths"].start, self._state.size)  # what adds up along the rod
+        # what adds up along the rod, and how it varies
+        added = [slot for slot in self._state.named.values() if slot.name in ("lengths", "grips") and slot.seed is not None]
+        self._sums = np.concatenate([np.arange(self._state.size)[self._state.places[slot.name]] for slot in added])
+        self._added = np.concatenate([np.arange(d)[self._varied.places[str(slot.seed)]] for slot in added])
         # (12) of docs/stability.md: what works on what, first what follows, then what is given
         names = ("moment", "lengths", "rotation", "drives")
         self._conjugates = np.concatenate([np.arange(d)[self._varied.places[name]] for name in names])
-        self._added = slice(self._varied.places["lengths"].start, self._varied.places["grips"].stop)
         self._rooms: dict[int, Room] = {}
 
     @property
@@ -160,13 +163,13 @@ class BackboneSegments(Segments):
         found = self._launched(cuts, level, table)
         end, values = found["end_state"], found["columns"]
         position = self._state.places["position"]
-        mine = np.ix_(cuts.instances, self.unknown_places)
-        slopes = own.residual_directions.numpy()[..., : self.direction_count]
+        mine = cuts.instances
+        slopes = own.residual_directions.numpy()[mine, :, : self.direction_count]
         return Propagation(
             end=end,
             transition=values[:, :d],
             residual=np.array(own.residual.numpy()[mine]),
-            residual_columns=np.concatenate([own.gamma.numpy()[mine], slopes[mine]], axis=2),
+            residual_columns=np.concatenate([own.gamma.numpy()[mine], slopes], axis=2),
             displacement=end[:, position] - cuts.states[:, position],
             displacement_columns=values[:, d:],
             fault=np.maximum.reduceat(found["fault"], cuts.first[:-1]),
@@ -331,7 +334,7 @@ class BackboneSegments(Segments):
     def _tensions_eliminated(self, form: CondensedForm, W: FloatArray, cuts: Cuts, found: Propagation) -> CondensedForm:
         """(18) of ``docs/stability.md``, by how moment and lengths follow from rotation and tensions at the tip, ``W``."""
         drives, last = self._varied.places["drives"], cuts.first[1:] - 1
-        conditions = self.problem.slots.places["drives"]
+        conditions = self.problem.rows.places["conditions"]
         # beside what lengths change by: what lines give way, which is none of them by another's tension
         stretch = found.residual_columns[:, conditions, drives] + found.transition[last, self._varied.places["lengths"], drives]
         taut = self.problem.lines.taut()[cuts.instances]

@@ -13,7 +13,7 @@ from multirod.batch import IntArray
 from multirod.capabilities import Clamps, Conjugates
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
-from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, of_whole, unknowns_of
+from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, of_whole, residuals_of, unknowns_of
 from multirod.models.backbone.passes.lane_pass import deal, threads, width
 from multirod.models.backbone.units import unit_stiffness
 from multirod.rotations import from_quaternions
@@ -59,7 +59,8 @@ class ClampedBackbones:
         self._turn, self._own, d = variations.places["rotation"], of_whole(variations), variations.size
         count, device = problem.instance_count, problem.device
         self._call: Any = problem.buffers.call()
-        rooms = {"unknowns": (d,), "residual": (d,), "gamma": (d, d), "residual_directions": (d, max(loads, 1))}
+        m = residuals_of(variations).size
+        rooms = {"unknowns": (d,), "residual": (m,), "gamma": (m, d), "residual_directions": (m, max(loads, 1))}
         rooms |= {"pose_columns": (6, d + loads)}
         for name, shape in rooms.items():
             setattr(self._call.problem, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
@@ -143,9 +144,9 @@ class ClampedBackbones:
             problem.tip_wrench.assign(wrench.values.numpy())
             problem.wrench_columns.assign(self._by_all(self._onward(wrench.columns.numpy(), begin)))
         else:
-            problem.write("residual", own.residual.numpy()[:, self._own])
+            problem.write("residual", own.residual.numpy())
             columns = np.concatenate([own.gamma.numpy(), own.residual_directions.numpy()[..., : self.loads]], axis=2)
-            gamma = self._onward(columns[:, self._own], begin)
+            gamma = self._onward(columns, begin)
             problem.write("gamma", gamma[..., :n].reshape(count, n * n))
             problem.residual_directions.assign(self._by_all(gamma)[..., n:])
         problem.fault.assign(fault)

@@ -30,9 +30,9 @@ class BackboneConjugates(Conjugates):
 
     def __init__(self, problem: "BackboneProblem", seen: "BoundaryProblem | None" = None) -> None:
         self.problem, device = problem, problem.device
-        count, n, terms, places = problem.instance_count, problem.unknown_count, problem.features, problem.slots.places
+        count, n, terms, places = problem.instance_count, problem.unknown_count, problem.features, problem.rows.places
         whole = np.arange(n)
-        self.forces = np.delete(whole, whole[places["drives"]])
+        self.forces = np.delete(whole, whole[places["conditions"]])
         m = len(self.forces)
         of = problem if seen is None else seen
 
@@ -56,7 +56,7 @@ class BackboneConjugates(Conjugates):
             self.give += ((moment + 2, moment + 2, GIVE * length),)
         if force >= 0:
             # a straight rod that does not stretch; others give way by as little more
-            self.give += ((self.forces[force + 2], places["force"].start + 2, STRETCH * length**2),)
+            self.give += ((self.forces[force + 2], problem.slots.places["force"].start + 2, STRETCH * length**2),)
         vectors = [spec.name for spec in LOADS if not spec.potential]
         self.without = tuple(k for name in vectors for k in range(problem.input_count)[problem.input_slice(name)])
         self.has_potential = problem.has_potential

@@ -216,7 +216,7 @@ class BackboneStability(StabilityAnalysis):
         """(18)"""
         problem, drives, others = self.problem, self.problem.slots.places["drives"], self._other_columns()
         tensions = np.arange(drives.start, drives.stop)
-        lacking = call.read("gamma")[chosen][:, tensions + (3 if problem.held else 0)]
+        lacking = call.read("gamma")[chosen][:, problem.rows.places["conditions"]]
         by_others, by_tensions = (self._node_columns(call, chosen, columns) for columns in (others, tensions))
         taut = problem.lines.taut()[chosen]
         return with_conditions(form, by_others, by_tensions, -lacking[:, :, others], -lacking[:, :, tensions], taut)

@@ -25,6 +25,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     PerRod = wp.types.vector(length=n, dtype=f64)
     s, c = layout.state, layout.column
     N_AT, THETA_AT, TAU_AT, Q_AT, ENERGY_AT = s["force"], s["angles"], s["torques"], s["frame"], s["energy"]
+    M_AT = s["moment"]
     DQ_AT, WORLD_AT, WORLD_STATE = c["frame"], s["world_force"], layout.WORLD_STATE  # a column's stands alike
     FORCE_STATE, FRAME, COLUMN_FRAME = layout.FORCE_STATE, layout.FRAME, layout.COLUMN_FRAME
     FORCE_UNKNOWN, TRANSMISSION, TUBES = features.base_force_unknown, features.transmission, layout.TUBES
@@ -36,9 +37,9 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     # where the frame is its own; of rods rigid in torsion that of all, and so it is of rods side by side. Several unloaded rods
     # have torques only, that of rod 1 the negative sum of the others
     WHOLE = TUBES and (TORQUES == 0 or layout.ECCENTRIC)
-    FIRST_TORQUE = layout.unknowns.places["torques"].start - FIRST  # less the index of its rod
-    FIRST_FORCE = layout.unknowns.places["force"].start
-    MOMENTS = (3 if WHOLE else 2) if MOMENT else 0
+    FIRST_MOMENT, FIRST_FORCE = layout.seed("moment"), layout.seed("force")
+    FIRST_TORQUE = layout.seed("torques") - FIRST  # less the index of its rod
+    MOMENTS = FIRST_MOMENT + ((3 if WHOLE else 2) if MOMENT else 0)
     LAST_TORQUE = FIRST_TORQUE + n if TORQUES > 0 or not TUBES else MOMENTS
     at = InputOffsets(n)
     ROTATION, TRANSLATION = at.ROTATION, at.TRANSLATION
@@ -97,6 +98,12 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return bending_stiffness(rods, case, 0, 0) / case.scale
 
     @wp.func
+    def unknown_vector(call: wp.ref[Call], case: wp.ref[Instance], j: int) -> wp.vec3d:
+        """Three unknowns."""
+        t = case.index
+        return wp.vec3d(call.problem.unknowns[t, j], call.problem.unknowns[t, j + 1], call.problem.unknowns[t, j + 2])
+
+    @wp.func
     def base_torques(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> PerRod:
         """(10) tau_i(0) of several rods."""
         torques = PerRod()
@@ -114,9 +121,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         if wp.static(not MOMENT):
             return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         unit = unknown_unit(rods, case, 0)
-        M = wp.vec3d(
-            call.problem.unknowns[case.index, 0], call.problem.unknowns[case.index, 1], call.problem.unknowns[case.index, 2]
-        )
+        M = unknown_vector(call, case, wp.static(FIRST_MOMENT))
         if wp.static(not TUBES):
             r = case.rods
             M -= wp.vec3d(rods.precurvature[r, 0, 0, 0], rods.precurvature[r, 0, 0, 1], rods.precurvature[r, 0, 0, 2])
@@ -166,10 +171,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
             return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
         if wp.static(not FORCE_UNKNOWN):
             return total_load(rods, call, case)
-        t = case.index
-        j = wp.static(FIRST_FORCE)
-        x = wp.vec3d(call.problem.unknowns[t, j], call.problem.unknowns[t, j + 1], call.problem.unknowns[t, j + 2])
-        return rotate(q, force_unit(rods, case) * x)
+        return rotate(q, force_unit(rods, case) * unknown_vector(call, case, wp.static(FIRST_FORCE)))
 
     @wp.func
     def frame_angle(b: Base) -> f64:
@@ -203,7 +205,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
             if wp.static(FIXED):  # (4b)
                 M = rotate(b.q, M)
             for j in range(3):
-                y[j] = M[j]
+                y[M_AT + j] = M[j]
         if wp.static(FORCE_STATE):
             N = rotate_inverse(b.q, n0)
             for j in range(3):
@@ -245,7 +247,8 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         if direction < 0:
             if k < wp.static(MOMENTS):
                 unit = unknown_unit(rods, case, 0)
-                y[k] = f64(1.0) / unit[k]
+                j = k - wp.static(FIRST_MOMENT)
+                y[M_AT + j] = f64(1.0) / unit[j]
             if k >= wp.static(MOMENTS) and k < wp.static(LAST_TORQUE):
                 i = k - wp.static(FIRST_TORQUE)
                 unit = unknown_unit(rods, case, i)
@@ -253,7 +256,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
                 others = f64(0.0)  # what the frame of rod 1 takes the other rods' angles back by
                 if wp.static(CONCENTRIC):
                     if wp.static(MOMENT):
-                        y[2] = torque
+                        y[wp.static(M_AT + 2)] = torque
                         if i == 0:
                             turn = b.compliance[0] * torque
                     else:
@@ -293,9 +296,9 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
                 y[DQ_AT + j] = dq[j]
             if wp.static(FIXED):  # (18b)
                 m = rotate(b.q, base_moment(rods, call, case))
-                dm = rotate(b.q, wp.vec3d(y[0], y[1], y[2])) + wp.cross(axes_rotation(b.q, dq), m)
+                dm = rotate(b.q, wp.vec3d(y[M_AT], y[M_AT + 1], y[M_AT + 2])) + wp.cross(axes_rotation(b.q, dq), m)
                 for j in range(3):
-                    y[j] = dm[j]
+                    y[M_AT + j] = dm[j]
         return y, dn
 
     return SimpleNamespace(

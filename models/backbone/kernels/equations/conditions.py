@@ -17,13 +17,12 @@ f64 = wp.float64
 def make_conditions(layout: Layout) -> SimpleNamespace:
     """Functions of the members whose drive is unknown.
 
-    ``y`` and ``v`` are the state at the tip and a column of it, in SI units.
+    ``y`` and ``v`` are the state at the tip and a column of it, in SI units: lengths stand alike in both.
     """
     members = layout.features.members
     inputs, PLACES = InputOffsets(layout.n, layout.DRIVES), drive_places(members)
     DRIVES_AT, TRANSLATION = inputs.DRIVES, inputs.TRANSLATION
-    FIRST, LENGTHS_AT = layout.unknowns.places["drives"].start, layout.state["lengths"]  # a column's stands alike
-    BEFORE = 3 if layout.features.held else 0  # of a held tip the base force comes later, but its residuals before
+    FIRST, ROW, LENGTHS_AT = layout.unknowns.places["drives"].start, layout.row("lengths"), layout.state["lengths"]
     State = wp.types.vector(length=layout.state.size, dtype=f64)
     Column = wp.types.vector(length=layout.column.size, dtype=f64)
     # of each: its number among those that are driven, where ``CONDITION`` stands in the material, whether it slackens
@@ -109,7 +108,7 @@ def make_conditions(layout: Layout) -> SimpleNamespace:
     def make_writers(j: int, rest):
         """Functions that write condition j, and its column k, then those after it; they return the sum of what they write."""
         lever, drive, rate, length, row = at[j], drives[j], rates[j], LENGTHS_AT + number[j], FIRST + j
-        place, slack, residual = DRIVES_AT + PLACES[number[j]], slackens[j], row + BEFORE
+        place, slack, residual = DRIVES_AT + PLACES[number[j]], slackens[j], ROW + j
         rod, translation = rod_of[j], TRANSLATION + rod_of[j]
         rest_of, rest_of_column = rest
 

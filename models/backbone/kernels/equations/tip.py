@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.equations.tip_pose import POSE_ROWS, make_tip_pose
+from multirod.models.backbone.kernels.equations.tip_pose import make_tip_pose
 from multirod.models.backbone.kernels.instance import Instance, bending_stiffness, section_unit
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
@@ -36,9 +36,8 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     # the torque of rod 1 stands for the moment about the axis of the frame, or that of the rod that ends at the tip
     SHARED = layout.TORQUES > 0 and CONCENTRIC
     FIRST_LACK = 0 if FIXED or not CONCENTRIC else 1  # the first rod whose torque is a residual of its own
-    FIRST_TORQUE = layout.unknowns.places["torques"].start - FIRST  # row of the residual, less the index of the rod
+    MOMENT_ROW, FORCE_ROW, TORQUE_ROW = (layout.row(name) for name in ("moment", "force", "torques"))
     FREE_FORCE, FOLLOWER_MOMENT = features.base_force_unknown and not features.held, features.follower_moment
-    FIRST_FORCE = layout.unknowns.places["force"].start
     at = InputOffsets(n)
     ROTATION, TIP_FORCE, TIP_MOMENT, TIP_CURVATURE = at.ROTATION, at.TIP_FORCE, at.TIP_MOMENT, at.TIP_CURVATURE
     FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
@@ -164,8 +163,8 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         """Residual of component j of what lacks: the last stands for the torque of the rod that ends at the tip."""
         if wp.static(SHARED):
             if j == 2:
-                return wp.static(FIRST_TORQUE) + case.longest
-        return j
+                return wp.static(TORQUE_ROW - FIRST) + case.longest
+        return wp.static(MOMENT_ROW) + j
 
     @wp.func
     def follower_torque(call: wp.ref[Call], case: wp.ref[Instance], i: int) -> f64:
@@ -262,7 +261,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
             gap = measured_gap(rods, call, case, y, s, u_star)
             total += total_magnitude(gap)
             for j in range(3):
-                call.problem.residual[t, j] = gap[j]
+                call.problem.residual[t, wp.static(MOMENT_ROW) + j] = gap[j]
         if wp.static(MOMENT and not MEASURED):
             gap = lacking(call, case, y)
             unit = moment_unit(rods, call, case, s, wp.where(wp.static(FIXED), case.longest, 0))
@@ -273,7 +272,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                 if wp.static(SHARED):
                     gap[2] = torque(rods, call, case, y, 0) - follower_torque(call, case, 0)
                 for j in range(3):
-                    call.problem.residual[t, j] = unit[j] * gap[j]
+                    call.problem.residual[t, wp.static(MOMENT_ROW) + j] = unit[j] * gap[j]
             total += total_magnitude(gap)
         for i in range(wp.static(FIRST_LACK), rods.end.shape[1]):
             if wp.static(TORQUES > 0 and not MEASURED):
@@ -281,13 +280,13 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                     lack = torque(rods, call, case, y, i)
                     if wp.static(not FIXED):
                         lack -= follower_torque(call, case, i)
-                    call.problem.residual[t, wp.static(FIRST_TORQUE) + i] = torque_unit(rods, call, case, s, i) * lack
+                    call.problem.residual[t, wp.static(TORQUE_ROW - FIRST) + i] = torque_unit(rods, call, case, s, i) * lack
                     total += wp.abs(lack)
         if wp.static(FREE_FORCE):
             pull = force_gap(rods, call, case, y, s, n_tip)
             total += total_magnitude(pull)
             for j in range(3):
-                call.problem.residual[t, wp.static(FIRST_FORCE) + j] = pull[j]
+                call.problem.residual[t, wp.static(FORCE_ROW) + j] = pull[j]
         return total
 
     @wp.func
@@ -309,7 +308,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
             gap = measured_gap_column(rods, call, case, y, v, s, direction)
             total += total_magnitude(gap)
             for j in range(3):
-                write_entry(call, case, j, k, gap[j])
+                write_entry(call, case, wp.static(MOMENT_ROW) + j, k, gap[j])
         if wp.static(MOMENT and not MEASURED):
             gap = lacking_column(call, case, y, v, direction)
             unit = moment_unit(rods, call, case, s, wp.where(wp.static(FIXED), case.longest, 0))
@@ -320,7 +319,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                 if wp.static(SHARED):
                     gap[2] = torque_column(rods, call, case, y, v, 0) - follower_torque_rate(call, case, 0, direction)
                 for j in range(3):
-                    write_entry(call, case, j, k, unit[j] * gap[j])
+                    write_entry(call, case, wp.static(MOMENT_ROW) + j, k, unit[j] * gap[j])
             total += total_magnitude(gap)
         for i in range(wp.static(FIRST_LACK), rods.end.shape[1]):
             if wp.static(TORQUES > 0 and not MEASURED):
@@ -328,19 +327,19 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                     lack = torque_column(rods, call, case, y, v, i)
                     if wp.static(not FIXED):
                         lack -= follower_torque_rate(call, case, i, direction)
-                    write_entry(call, case, wp.static(FIRST_TORQUE) + i, k, torque_unit(rods, call, case, s, i) * lack)
+                    write_entry(call, case, wp.static(TORQUE_ROW - FIRST) + i, k, torque_unit(rods, call, case, s, i) * lack)
                     total += wp.abs(lack)
         if wp.static(FREE_FORCE):
             pull = force_gap_column(rods, call, case, y, v, s, n_tip, dn, direction)
             total += total_magnitude(pull)
             for j in range(3):
-                write_entry(call, case, wp.static(FIRST_FORCE) + j, k, pull[j])
+                write_entry(call, case, wp.static(FORCE_ROW) + j, k, pull[j])
         return total
 
     @wp.func
     def free_row(case: wp.ref[Instance], i: int) -> int:
         """Residual of the torque of rod i, which is not the one that is held."""
-        row = wp.static(POSE_ROWS) + i
+        row = wp.static(TORQUE_ROW) + i
         if i > case.longest:
             row -= 1
         return row

@@ -29,6 +29,7 @@ def make_tip_pose(layout: Layout, base: SimpleNamespace) -> SimpleNamespace:
     """Functions that read a state at one place, and write the pose of the tip."""
     n, features, State, Column = layout.n, layout.features, base.State, base.Column
     s_, c_ = layout.state, layout.column
+    M_AT = s_["moment"]  # a column's stands alike
     THETA_AT, Q_AT, P_AT, ENERGY_AT, WORK_AT = s_["angles"], s_["frame"], s_["position"], s_["energy"], s_["work"]
     DQ_AT, DP_AT, FRAME, COLUMN_FRAME = c_["frame"], c_["position"], layout.FRAME, layout.COLUMN_FRAME
     POSE, POSE_COLUMNS, TUBES, FIXED = layout.POSE, features.pose_sensitivities, layout.TUBES, layout.FIXED
@@ -52,13 +53,13 @@ def make_tip_pose(layout: Layout, base: SimpleNamespace) -> SimpleNamespace:
     def moment_of(y: State) -> wp.vec3d:
         """The moment as the state carries it."""
         if wp.static(MOMENT):
-            return wp.vec3d(y[0], y[1], y[2])
+            return wp.vec3d(y[M_AT], y[M_AT + 1], y[M_AT + 2])
         return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
 
     @wp.func
     def moment_column_of(v: Column) -> wp.vec3d:
         if wp.static(MOMENT):
-            return wp.vec3d(v[0], v[1], v[2])
+            return wp.vec3d(v[M_AT], v[M_AT + 1], v[M_AT + 2])
         return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
 
     @wp.func

@@ -70,9 +70,10 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     write_conditions, write_condition_column = conditions.write, conditions.write_column
     length_unit, length_place = conditions.length_unit, conditions.length_place
     GRIPS, GRIPS_AT = features.grip_count, s_["grips"]  # a column's stands alike
-    b_, u_ = breakpoint_state(features), layout.unknowns.places
-    FRAME_IN, POSITION_IN, LENGTHS_IN, GRIPS_IN = b_["frame"], b_["position"], b_["lengths"], b_["grips"]
-    TURN, LONGER, GRIP, VARIED = u_["rotation"].start, u_["lengths"].start, u_["grips"].start, layout.UNKNOWNS
+    b_, M_AT = breakpoint_state(features), s_["moment"]  # a column's stands alike
+    MOMENT_IN, FRAME_IN, POSITION_IN, LENGTHS_IN, GRIPS_IN = (b_[name] for name in b_.named)
+    BENT, TURN, LONGER, GRIP = (layout.seed(name) for name in ("moment", "frame", "lengths", "grips"))
+    VARIED = layout.UNKNOWNS
     DQ_AT, DP_AT, FORCE_STATE, COLUMN_FRAME = c_["frame"], c_["position"], layout.FORCE_STATE, layout.COLUMN_FRAME
 
     @wp.func
@@ -97,11 +98,11 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             seg.state[t, wp.static(FRAME_IN + 2)],
             seg.state[t, wp.static(FRAME_IN + 3)],
         )
-        M = wp.vec3d(seg.state[t, 0], seg.state[t, 1], seg.state[t, 2])
+        M = wp.vec3d(seg.state[t, MOMENT_IN], seg.state[t, wp.static(MOMENT_IN + 1)], seg.state[t, wp.static(MOMENT_IN + 2)])
         if wp.static(FIXED):
             M = rotate(q, M)
         for j in range(3):
-            y[j] = M[j]
+            y[M_AT + j] = M[j]
             y[P_AT + j] = seg.state[t, POSITION_IN + j]
         for j in range(4):
             y[Q_AT + j] = q[j]
@@ -123,8 +124,8 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         v = known
         q = frame(y)
         dM = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-        if k < 3:
-            dM = wp.vec3d(known[0], known[1], known[2])
+        if k >= wp.static(BENT) and k < wp.static(BENT + 3):
+            dM = wp.vec3d(known[M_AT], known[M_AT + 1], known[M_AT + 2])
         dq = wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(0.0))
         if k >= wp.static(TURN) and k < wp.static(TURN + 3):
             e = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
@@ -135,10 +136,10 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         for j in range(4):
             v[DQ_AT + j] = dq[j]
         if wp.static(FIXED):
-            m = wp.vec3d(y[0], y[1], y[2])
+            m = wp.vec3d(y[M_AT], y[M_AT + 1], y[M_AT + 2])
             dM = rotate(q, dM) + wp.cross(axes_rotation(q, dq), m)
         for j in range(3):
-            v[j] = dM[j]
+            v[M_AT + j] = dM[j]
         for i in range(wp.static(CONDITIONS)):
             if k == wp.static(LONGER) + i:
                 v[length_place(i)] = length_unit(rods, case, i)
@@ -182,9 +183,9 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                     if wp.static(FIXED):  # the moment's columns as the frame sees them
                         unit = unknown_unit(rods, case, 0)
                         for j in range(3):
-                            v[j] = f64(0.0)
-                        if k < 3:
-                            v[k] = f64(1.0) / unit[k]
+                            v[M_AT + j] = f64(0.0)
+                            if k == wp.static(BENT) + j:
+                                v[M_AT + j] = f64(1.0) / unit[j]
                     v = varied(rods, case, y, v, k)
                 else:
                     if given:
@@ -252,7 +253,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         if job % call.parts == 0:
             M = body_moment(y)
             for j in range(3):
-                seg.end_state[t, j] = M[j]
+                seg.end_state[t, MOMENT_IN + j] = M[j]
                 seg.end_state[t, POSITION_IN + j] = y[P_AT + j]
                 total += wp.abs(M[j])
             for j in range(4):
@@ -280,7 +281,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             for i in range(wp.static(VARIED)):  # tensions and the base force stay
                 seg.columns[t, i, k] = wp.where(i == k, f64(1.0), f64(0.0))
             for j in range(3):
-                seg.columns[t, j, k] = unit[j] * dM[j]
+                seg.columns[t, wp.static(BENT) + j, k] = unit[j] * dM[j]
                 seg.columns[t, wp.static(TURN) + j, k] = turn[j]
                 seg.columns[t, wp.static(VARIED) + j, k] = v[wp.static(DP_AT) + j]
                 total += wp.abs(dM[j])

@@ -19,44 +19,53 @@ if TYPE_CHECKING:
     from multirod.models.backbone.members.member import Member
 
 
-BREAKPOINT = ("rotation", "lengths", "grips")  # what varies where a segment begins beside the unknowns
-
-
 def unknowns_of(features: Features, *, moment: bool | None = None, force: bool | None = None) -> Record:
-    """The unknowns of a backbone, (10), and so its columns, and in the same order its residuals.
+    """The unknowns of a backbone, (10), and so its columns.
 
     Or those of a problem of the same rods with or without the ``moment`` and the base ``force``.
     """
     moment = features.moment if moment is None else moment
     force = features.base_force_unknown if force is None else force
+    segment, conditions, grips = features.segment, features.condition_count, features.grip_count
+    # what holds the tip says, in its joint, what its moment and its force lack
+    lacking = ("joint", "joint") if features.held else ("moment", "force")
     return Record(
         [
-            Slot("moment", 3 * moment, "1/length"),
-            Slot("torques", features.torque_count, "1/length"),  # of the rods that turn against the frame
-            Slot("rotation", 3 * features.segment, "1/length"),
-            Slot("lengths", features.condition_count * features.segment, "1/length"),  # of these members, up to a segment
-            Slot("grips", features.grip_count * features.segment, "1/length"),  # what friction leaves of drives there
-            Slot("drives", features.condition_count, "1/length"),  # of members whose drive is unknown
-            Slot("force", 3 * force, "1/length"),
+            Slot("moment", 3 * moment, "1/length", residual=lacking[0]),
+            Slot("torques", features.torque_count, "1/length", residual="torques"),  # of rods that turn against the frame
+            Slot("rotation", 3 * segment, "1/length"),
+            Slot("lengths", conditions * segment, "1/length"),  # of members whose drive is unknown, up to a segment
+            Slot("grips", grips * segment, "1/length"),  # what friction leaves of drives there
+            Slot("drives", conditions, "1/length", residual="conditions"),  # of members whose drive is unknown
+            Slot("force", 3 * force, "1/length", residual=lacking[1]),
         ]
     )
 
 
+def residuals_of(unknowns: Record) -> Record:
+    """The residuals that stand for unknowns, (11) to (13), (L7), in their order."""
+    sizes: dict[str, int] = {}
+    for slot in unknowns.named.values():
+        if slot.residual is not None:
+            sizes[slot.residual] = sizes.get(slot.residual, 0) + slot.size
+    return Record(Slot(name, size, "1/length") for name, size in sizes.items())
+
+
 def of_whole(unknowns: Record) -> NDArray[np.intp]:
-    """Places of the unknowns of the rod among those of its segments."""
-    inner = np.concatenate([np.arange(unknowns.size)[unknowns.places[name]] for name in BREAKPOINT])
-    return np.setdiff1d(np.arange(unknowns.size), inner)
+    """Places of the unknowns of the rod among those of its segments: of those for which residuals stand."""
+    every, named = np.arange(unknowns.size), unknowns.named.values()
+    return np.concatenate([every[unknowns.places[slot.name]] for slot in named if slot.residual is not None])
 
 
 def breakpoint_state(features: Features) -> Record:
-    """The state where a segment begins, in the body frame and the frame of the base."""
+    """The state where a segment begins, in the body frame and the frame of the base; its seeds are what varies there."""
     return Record(
         [
-            Slot("moment", 3, "moment"),
-            Slot("frame", 4),
+            Slot("moment", 3, "moment", seed="moment"),
+            Slot("frame", 4, seed="rotation"),
             Slot("position", 3, "length"),
-            Slot("lengths", features.condition_count, "length"),  # up to there, of members whose drive is unknown
-            Slot("grips", features.grip_count),  # what friction has left of drives
+            Slot("lengths", features.condition_count, "length", seed="lengths"),  # of members whose drive is unknown
+            Slot("grips", features.grip_count, seed="grips"),  # what friction has left of drives
         ]
     )
 
@@ -80,6 +89,7 @@ class Layout:
 
     Attributes:
         unknowns: What is solved for, one column each.
+        residuals: What is to vanish, row by row.
         state: What is integrated of the backbone itself.
         column: What is integrated of one column, the derivative of the state by an unknown or along a direction of inputs.
         given: What stands beside a column: what its direction varies of the loads and of the stretch.
@@ -93,6 +103,7 @@ class Layout:
         f = self.features = features
         self.n = n = f.rod_count
         self.unknowns = unknowns_of(f)
+        self.residuals = residuals_of(self.unknowns)
         self.UNKNOWNS = self.unknowns.size
         self.FIRST, self.TUBES, self.ECCENTRIC = n - f.turning_count, f.turning_count > 0, f.eccentric
         self.MOMENT, self.TORQUES = f.moment, f.torque_count
@@ -128,19 +139,20 @@ class Layout:
         self.ROUTED = self.FUNCTIONS > 0 and (f.member_degree > 0 or f.friction)
         # an unknown base force, or a direction, makes n depend on it
         self.GIVEN_FORCE = f.force and not f.force_is_state and not self.WORLD_STATE and (f.directions or f.base_force_unknown)
+        force = self.unknowns.named["force"].residual
         statics = [
-            Slot("moment", 3 * self.MOMENT, "moment", controlled=True),
-            Slot("force", 3 * self.FORCE_STATE, "force", controlled=True),
-            Slot("world_force", 3 * self.WORLD_STATE, "force", controlled=True),  # n, which depends on the configuration
+            Slot("moment", 3 * self.MOMENT, "moment", True, seed="moment", residual=self.unknowns.named["moment"].residual),
+            Slot("force", 3 * self.FORCE_STATE, "force", True, seed="force", residual=force),
+            Slot("world_force", 3 * self.WORLD_STATE, "force", True, seed="force", residual=force),  # n, by the configuration
             Slot("angles", f.turning_count, controlled=True),
-            Slot("torques", self.TORQUES, "moment", controlled=True),
-            Slot("lengths", self.LENGTHS, "length"),  # what drives of members work on
-            Slot("grips", f.grip_count),  # what friction leaves of each drive
+            Slot("torques", self.TORQUES, "moment", True, seed="torques", residual="torques"),
+            Slot("lengths", self.LENGTHS, "length", seed="lengths", residual="conditions"),  # what drives of members work on
+            Slot("grips", f.grip_count, seed="grips"),  # what friction leaves of each drive
         ]
         self.state = Record(
             [
                 *statics,
-                Slot("frame", 4 * self.FRAME, controlled=True),
+                Slot("frame", 4 * self.FRAME, controlled=True, seed="rotation"),
                 Slot("position", 3 * self.POSE, "length", controlled=True),
                 Slot("energy", 1 * f.nodes, "moment"),
                 Slot("work", 1 * f.nodes, "moment"),
@@ -278,6 +290,18 @@ class Layout:
                 Slot("controlled", 1),  # 1 if errors choose the steps, 0 if they are equal
             ]
         )
+
+    def seed(self, name: str) -> int:
+        """Where the unknowns stand with which an entry of the state begins, or would."""
+        seed = self.state.named[name].seed
+        assert seed is not None, name  # or it has none
+        return self.unknowns.places[seed].start
+
+    def row(self, name: str) -> int:
+        """Where the residuals stand that an entry of the state answers to at the tip, or would."""
+        residual = self.state.named[name].residual
+        assert residual is not None, name  # or it has none
+        return self.residuals.places[residual].start
 
     def of_member(self, k: int) -> tuple[int, int]:
         """Where the parameters of member k begin in a stretch, and its functions among those of all."""

@@ -9,27 +9,40 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Slot:
-    """One entry of a record: its name, how many numbers, what they are counted in ("moment", "force", "length" or "1"), and
-    whether their errors choose steps."""
+    """One entry of a record.
+
+    Attributes:
+        name: Of the entry.
+        size: How many numbers.
+        unit: What they are counted in: "moment", "force", "length" or "1".
+        controlled: Whether their errors choose steps.
+        seed: Of a state: the unknowns with which it begins. None where it follows from what is given.
+        residual: Of a state: the residuals that its value at the tip answers to. Of unknowns: those that stand for them, as many.
+            None where there are none: what varies where a segment begins is found by the state where the one before ends.
+    """
 
     name: str
     size: int
     unit: str = "1"
     controlled: bool = False
+    seed: str | None = None
+    residual: str | None = None
 
 
 class Record:
     """Numbers that stand together: where each begins (``at``; -1 if it is not there) and how many there are (``size``).
 
-    ``places`` are those of all entries, also of what is not there: empty, where it would be.
+    ``named`` are all entries, also what is not there, and ``places`` where they stand: empty, where it would be.
     """
 
     def __init__(self, slots: Iterable[Slot]) -> None:
         self.slots: list[Slot] = []
         self.at: dict[str, int] = {}
+        self.named: dict[str, Slot] = {}
         self.places: dict[str, slice] = {}
         self.size = 0
         for slot in slots:
+            self.named[slot.name] = slot
             self.places[slot.name] = slice(self.size, self.size + slot.size)
             if slot.size:
                 self.slots.append(slot)
