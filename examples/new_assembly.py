@@ -118,24 +118,26 @@ class SprungStability(StabilityAnalysis):
         self.problem = problem
 
     def _clamped(self) -> StabilityAnalysis:
-        self.problem.present()
         analysis = self.problem.inner.stability
         assert analysis is not None
         return analysis
 
     @property
     def has_potential(self) -> np.ndarray:
-        return self._clamped().has_potential
+        with self.problem.presented():
+            return self._clamped().has_potential
 
     def potential(self) -> np.ndarray:
         torque = self.problem.torque(self.problem.read("unknowns"))
-        return self._clamped().potential() + 0.5 * torque**2 / self.problem.spring
+        with self.problem.presented():
+            return self._clamped().potential() + 0.5 * torque**2 / self.problem.spring
 
     def modes(self) -> Modes:
-        problem, clamped = self.problem, self._clamped().modes()
+        problem = self.problem
+        with problem.presented(), problem.inner.everyone():
+            clamped = self._clamped().modes()
+            problem.inner.integrate()
         # the Schur complement of the clamped rod's form: by Sylvester's law as many values are negative as of the whole form
-        problem.inner.active.fill_(1)
-        problem.inner.integrate()
         n = problem.unknown_count
         gamma = problem.inner.read("gamma").reshape(-1, n, n)
         by_angle = problem.inner.residual_directions.numpy()[:, :, -1]

@@ -1,7 +1,8 @@
 """A boundary problem around another: what is the same is handed on, so that only what differs is written."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Self
 
 import numpy as np
@@ -71,22 +72,24 @@ class WrappedProblem(BoundaryProblem):
 
     # ---- the same as within ----
 
-    def present(self) -> None:
-        """Bring the inner problem to the unknowns, inputs and loads of this one."""
+    @contextmanager
+    def presented(self) -> Iterator[None]:
+        """Within it, the inner problem is at the unknowns, inputs and loads of this one, of the instances that are active here;
+        then its loads and its instances are as they were."""
         inner, unknowns = self.inner, self.read("unknowns")
         inner.stop, inner.breakpoints = self.stop, self.breakpoints
         inner.write("unknowns", unknowns)
         inner.write("inputs", self.inner_inputs(unknowns))
-        inner.load_factor.assign(self.load_factor.numpy())
-        inner.active.assign(self.active.numpy())
+        with inner.at_load(self.buffer("load_factor")), inner.only(self.buffer("active") != 0):
+            yield
 
     def _integrate(self) -> None:
-        self.present()
         inner, active, count = self.inner, self.active.numpy() != 0, self.direction_count
         own = inner.directions.numpy().copy()
         own[:, :count] = self.directions.numpy()[:, :count]
         inner.directions.assign(own)
-        inner.integrate()
+        with self.presented():
+            inner.integrate()
         n = self.unknown_count
         slopes, columns = inner.residual_directions.numpy(), inner.pose_columns.numpy()
         gamma, pose = self._corrected(inner.read("gamma").reshape(-1, n, n), slopes, columns)
@@ -110,8 +113,8 @@ class WrappedProblem(BoundaryProblem):
 
     @property
     def natural_singular_value(self) -> FloatArray:  # noqa: D102
-        self.present()
-        return self.inner.natural_singular_value
+        with self.presented():
+            return self.inner.natural_singular_value
 
     def adopt(self, unknowns: FloatArray) -> FloatArray:  # noqa: D102
         return self.inner.adopt(unknowns)
@@ -135,12 +138,12 @@ class WrappedProblem(BoundaryProblem):
         return self.inner.curvature_scale()
 
     def load_scale(self) -> FloatArray:  # noqa: D102
-        self.present()
-        return self.inner.load_scale()
+        with self.presented():
+            return self.inner.load_scale()
 
     def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
-        self.present()
-        return self.inner.turning(before)
+        with self.presented():
+            return self.inner.turning(before)
 
     @property
     def shapes(self) -> Shapes | None:  # noqa: D102
@@ -170,16 +173,16 @@ class WrappedShapes(Shapes):
         self.problem = problem
 
     def at_nodes(self, node_count: int) -> tuple[tuple[Shape, ...], FloatArray]:  # noqa: D102
-        self.problem.present()
         inner = self.problem.inner.shapes
         assert inner is not None  # or nothing was offered
-        return inner.at_nodes(node_count)
+        with self.problem.presented():
+            return inner.at_nodes(node_count)
 
     def jumps(self) -> tuple[FloatArray, ...]:  # noqa: D102
-        self.problem.present()
         inner = self.problem.inner.shapes
         assert inner is not None
-        return inner.jumps()
+        with self.problem.presented():
+            return inner.jumps()
 
 
 class WrappedParts(Parts):

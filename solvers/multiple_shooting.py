@@ -262,6 +262,10 @@ class _Resumed(Track):
         self.natural = False
 
     def step(self) -> Outcome:
+        with self.problem.everyone():
+            return self._step()
+
+    def _step(self) -> Outcome:
         solver, problem = self.solver, self.problem
         everyone = np.arange(problem.instance_count)
         first, self.first = self.first, None

@@ -143,6 +143,21 @@ def test_what_is_wrong_is_named(way: str, said: str) -> None:
         check_assembly(robot, robot.inputs(tip_force=(0.3, 0.2, 0.1)), vary=("tip_force",), solvers=("shooting",))
 
 
+def test_loads_and_instances_within_are_as_they_were() -> None:
+    robot = WrongRod("in no way")
+    inputs = robot.inputs(tip_force=0.1 * np.eye(3))
+    problem = robot.problem(inputs, integrator=mr.RK4(20))
+    problem.write("unknowns", problem.guess())
+    problem.residual.fill_(np.nan)
+    with problem.at_load(0.5), problem.only(np.array([True, False, True])):
+        problem.integrate()
+        assert problem.load_scale().shape == (3,)
+    assert np.isfinite(problem.read("residual")).all(axis=1).tolist() == [True, False, True]
+    for buffer in (problem.inner.load_factor, problem.inner.active):
+        np.testing.assert_array_equal(buffer.numpy(), 1)
+    assert problem.inner.listed == 3
+
+
 def test_a_batch_is_refused() -> None:
     robot = single_rod()
     with pytest.raises(ValueError, match="takes one instance"):

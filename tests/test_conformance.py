@@ -182,16 +182,30 @@ def test_buffers_hold_what_the_outcome_reports(name: str) -> None:
     outcome = solver.solve(problem)
     # pose, residual and Gamma are those of the unknowns of the same record, not of a trial before or after
     held = {field: problem.read(field) for field in ("unknowns", "residual", "gamma", "position", "rotation")}
-    assert (problem.active.numpy() >= 0).all()
+    assert (problem.active.numpy() == 1).all()
     np.testing.assert_array_equal(problem.load_factor.numpy(), 1.0)
     for buffer in (problem.residual, problem.gamma, problem.position, problem.rotation):
         buffer.fill_(np.nan)
-    problem.active.fill_(1)
     problem.write("unknowns", held["unknowns"])
     problem.integrate()
     for name_, values in held.items():
         np.testing.assert_array_equal(problem.read(name_), values)
     assert len(outcome.status) == problem.instance_count
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_a_track_leaves_loads_and_instances_as_they_were(name: str) -> None:
+    """So that whoever integrates the problem between two samples integrates all of it."""
+    robot = single_rod()
+    inputs = robot.inputs(**SCENES["SingleRod"].inputs["tip force"])
+    solver = SOLVERS[name]()
+    problem = problem_for(solver, robot, inputs)
+    track = solver.track(problem, 0.01)
+    for _ in range(2):
+        track.step()
+        for buffer in (problem.active, problem.load_factor):
+            np.testing.assert_array_equal(buffer.numpy(), 1)
+        assert problem.listed == problem.instance_count
 
 
 @dataclass(frozen=True, kw_only=True)

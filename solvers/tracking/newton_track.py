@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track, knows
@@ -58,6 +59,7 @@ class NewtonTrack(Track):
         self._past, self._last_inputs = state.past.numpy(), state.last_inputs.numpy()
         self._points, self._good = state.points.numpy(), state.good.numpy()
         self._sample: tuple[Any, Any] | None = None  # the launch of a sample, and what it calls
+        self._active: NDArray[Any] | None = problem.buffer("active") if wp.get_device(problem.device).is_cpu else None
         self.inputs: FloatArray | None = None  # those of the last good sample
         self.known = np.zeros(problem.instance_count, dtype=bool)  # instances that have had a good sample, or a guess
         self.all_known = False
@@ -78,6 +80,16 @@ class NewtonTrack(Track):
 
     def step(self) -> Outcome:
         """Extrapolate, iterate to the tolerance, and make sure of the branch."""
+        if self._active is None:
+            with self.problem.everyone():
+                return self._step()
+        before = self._active.copy()  # by hand: a context takes a tenth of a rod's sample
+        try:
+            return self._step()
+        finally:
+            self._active[:] = before
+
+    def _step(self) -> Outcome:
         problem, newton = self.problem, self.newton
         self._forget_taut()
         if self.all_known and self.inputs is not None and not self._any_fresh and (calls := newton.calls()) is not None:
