@@ -39,8 +39,9 @@ def concentric_tubes() -> mr.ConcentricTubes:
     return mr.ConcentricTubes([inner, middle, outer])
 
 
-def parallel_rods() -> mr.ParallelRods:
-    rod = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(1, 0.4, 0), linear_density=0.05)
+def parallel_rods(bend: Any = 1.0) -> mr.ParallelRods:
+    bent = np.asarray(bend)[..., None] * np.array([1, 0.4, 0])
+    rod = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=bent, linear_density=0.05)
     soft = mr.Rod(length=0.31, bending_stiffness=0.02, torsional_stiffness=0.015, shear_stiffness=8.0, axial_stiffness=20.0)
     inner = mr.Rod(length=0.31, bending_stiffness=0.01, torsional_stiffness=0.008, precurvature=(0.5, 0, 0))
     outer = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(1, 1, 0))
@@ -206,6 +207,13 @@ def test_a_track_leaves_loads_and_instances_as_they_were(name: str) -> None:
         for buffer in (problem.active, problem.load_factor):
             np.testing.assert_array_equal(buffer.numpy(), 1)
         assert problem.listed == problem.instance_count
+
+
+def test_branches_of_legs_of_several_builds_are_followed_at_the_steps_of_the_leg_that_is_bent_most() -> None:
+    robot = parallel_rods(bend=np.array([1.0, 30.0]))
+    problem = problem_for(mr.Shooting(), robot, robot.inputs())
+    assert problem.parts is not None
+    assert [kind.tolist() for kind in problem.parts.kinds(np.arange(2))] == [[0], [1]]
 
 
 @dataclass(frozen=True, kw_only=True)
