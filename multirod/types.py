@@ -169,7 +169,7 @@ class ShowOptions(RecordingOptions, total=False):
 Parameter: TypeAlias = Literal["precurvature", "bending_stiffness", "torsional_stiffness", "length", "base", "platform"]
 """Of robots, by which ``Solution.jacobian`` differentiates, beside inputs."""
 
-Quantity: TypeAlias = Literal["shape", "curvature", "moment", "force", "strain"]
+Quantity: TypeAlias = Literal["shape", "curvature", "moment", "force", "strain", "tension"]
 """What ``Solution.plot`` draws."""
 
 QuantityOverTime: TypeAlias = Literal[
@@ -185,7 +185,6 @@ QuantityOverTime: TypeAlias = Literal[
     "iterations",
     "integrations",
     "step_time",
-    "tension",
     "line_length",
 ]
 """What ``History.plot`` draws."""

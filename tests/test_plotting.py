@@ -513,3 +513,20 @@ def test_the_pictures_of_pages_are_made_by_their_code(tmp_path, monkeypatch):
     for name in pictures:
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
         assert 10_000 < (ROOT / "docs" / "images" / f"{name}.png").stat().st_size < 150_000
+
+
+def test_tensions_are_drawn_along_rods_where_lines_are():
+    lines = [mr.Tendon((0.006, 0), name="long", friction=0.2), mr.Tendon((0, 0.006), end=0.1)]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    found = mr.solve(robot, robot.inputs(tension=(1.5, 0.8)))
+    ax = found.plot("tension", nodes=41)
+    assert ax.get_ylabel() == "tension [N]"
+    drawn_by_name = {line.get_label(): line.get_ydata() for line in ax.lines[:2]}
+    assert list(drawn_by_name) == ["long", "line 2"]
+    for k, values in enumerate(drawn_by_name.values()):
+        np.testing.assert_allclose(values, found.line(k, nodes=41).tension)
+    assert drawn_by_name["long"][0] == 1.5 > drawn_by_name["long"][-1]
+    assert np.isnan(drawn_by_name["line 2"][-1])
+    bare = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077))
+    with pytest.raises(ValueError, match="no rod has lines"):
+        mr.solve(bare, bare.inputs()).plot("tension")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from multirod.plotting.canvas import COMPONENTS, FEW, PALETTE, STYLES, colors_of, column_of_axes, legend
 from multirod.plotting.family import Family
 from multirod.problem import Shape
-from multirod.recording.figure import drawn_rods
+from multirod.recording.figure import drawn_lines, drawn_rods
 from multirod.results.solution import Solution
 from multirod.results.strains import strains
 from multirod.types import AxesGiven
@@ -35,8 +35,20 @@ def _strains(solution: Solution, rod: int, shape: Shape) -> Curves:
     return {name: PERCENT * values for name, values in strains(solution, rod, shape).items()}
 
 
+def _tensions(solution: Solution, rod: int, shape: Shape) -> Curves:
+    """Of the lines of a rod, which are not everywhere; friction takes from them along it."""
+    robot, nodes = solution.assembly, shape.arclength.shape[-1]
+    names = [line.name for line in drawn_lines(robot, drawn_rods(robot))]
+    return {names[k]: solution.line(k, nodes=nodes).tension for k, (own, _) in enumerate(robot.lines) if own == rod}
+
+
 QUANTITIES = {name: (_components(name), f"{name} [{unit}]") for name, (_, unit) in SYMBOLS.items()}
 QUANTITIES["strain"] = (_strains, "strain [%]")
+QUANTITIES["tension"] = (_tensions, "tension [N]")
+LACKING = {
+    "strain": "no rod has an outer_diameter, or an axial_stiffness or shear_stiffness that is finite",
+    "tension": "no rod has lines",
+}
 
 
 def draw(ax: AxesGiven | None, family: Family, name: str, rods: list[int], *, nodes: int) -> "list[Axes]":
@@ -51,7 +63,7 @@ def draw(ax: AxesGiven | None, family: Family, name: str, rods: list[int], *, no
     found = {k: compute(solution, k, shape) for k, shape in shapes.items()}
     names = list(dict.fromkeys(component for curves in found.values() for component in curves))
     if not names:
-        refuse("quantity", name, "no rod has an outer_diameter, or an axial_stiffness or shear_stiffness that is finite")
+        refuse("quantity", name, LACKING[name])
     if family.single and len(rods) == 1:
         (axes,) = column_of_axes(ax, [name])
         _one_rod(axes, shapes[rods[0]], found[rods[0]] if len(family) else {})
@@ -86,7 +98,7 @@ def draw(ax: AxesGiven | None, family: Family, name: str, rods: list[int], *, no
 
 def _one_rod(axes: "Axes", shape: Shape, curves: Curves) -> None:
     for k, (component, values) in enumerate(curves.items()):
-        color = COMPONENTS[k] if k < len(COMPONENTS) else PALETTE[k]
+        color = COMPONENTS[k] if k < len(COMPONENTS) else PALETTE[k % len(PALETTE)]
         axes.plot(shape.arclength, values, color=color, ls=STYLES[k % len(STYLES)], lw=1.8, label=component)
     _zero_line(axes)
     legend(axes)

@@ -15,7 +15,7 @@ from multirod.validation import boolean, choice, positive_int, refuse
 SHAPE = "shape"
 IN_SPACE, ALONG = 51, 301  # nodes of a rod: along the arclength steps are to look like steps
 OF_SOLUTIONS = (SHAPE, *along.QUANTITIES)
-OF_HISTORIES = (*OF_SOLUTIONS, *over_time.QUANTITIES)
+OF_HISTORIES = tuple(dict.fromkeys((*OF_SOLUTIONS, *over_time.QUANTITIES)))
 
 
 def plot_solution(

@@ -233,6 +233,7 @@ class Solution(Computed[Robot_co]):
         ``force``       the internal force in that frame [N], of all concentric rods together
         ``strain``      bending and torsion at the surface of rods that have an outer diameter, extension and shear of rods that
                         stretch or shear [%]
+        ``tension``     what each line pulls with along its rod [N]; of a history, over time
         ==============  ==========================================================================================================
 
         A batch is drawn as a family of shapes or curves, without lines, discs and loads. Instances that failed are left out, and
