@@ -15,6 +15,9 @@ SIGMA = 0.25  # of the prior [N]
 PRIOR = {"tip_force": mr.Prior(0, sigma=SIGMA)}
 
 
+RANDOM_DEPTHS = np.random.default_rng(3).uniform(-1, 1, 500)  # where along a picture's direction something is said to be [m]
+
+
 @pytest.fixture
 def robot(wire):
     return mr.SingleRod(wire)
@@ -149,6 +152,35 @@ def test_base_and_measurement_may_be_moved_together(robot, wire, trials, make_po
     there = mr.estimate(mr.SingleRod(wire, base=moved), unknown=PRIOR, measured=away)
     np.testing.assert_allclose(there.value("tip_force"), R @ here.value("tip_force"), atol=1e-9)
     np.testing.assert_allclose(there.covariance(), R @ here.covariance() @ R.T, atol=1e-9 * SIGMA**2)
+
+
+def test_pictures_tell_of_a_position_what_lies_across_their_directions(robot, wire, trials, make_pose):
+    """In one along z x and y are seen; whatever is told along it counts for nothing; and so it is however all is turned."""
+    moved = make_pose((0.4, -1.1, 0.3), (0.2, -0.1, 0.5))
+    R, z = moved[:3, :3], np.array([0.0, 0.0, 1.0])
+    position = trials[1][:20]
+    x_y = mr.Pose(position=np.where(z == 0, position, np.nan), sigma=POSITION)
+    expected = mr.estimate(robot, unknown=PRIOR, measured=x_y).raise_if_failed()
+    picture = mr.Pose(position=position + RANDOM_DEPTHS[:20, None] * z, across=-2 * z, sigma=POSITION)
+    assert picture.count == 2
+    found = mr.estimate(robot, unknown=PRIOR, measured=picture)
+    turned = mr.Pose(position=position @ R.T + moved[:3, 3] + RANDOM_DEPTHS[:20, None] * R[:, 2], across=R[:, 2], sigma=POSITION)
+    away = mr.estimate(mr.SingleRod(wire, base=moved), unknown=PRIOR, measured=turned)
+    for own, back in ((found, np.eye(3)), (away, R.T)):
+        np.testing.assert_allclose(own.value("tip_force") @ back.T, expected.value("tip_force"), atol=1e-8)
+        np.testing.assert_allclose(back @ own.covariance() @ back.T, expected.covariance(), atol=1e-8 * SIGMA**2)
+        np.testing.assert_allclose(own.misfit, expected.misfit, atol=1e-5)
+        assert (own.degrees == 2).all()
+    # two pictures along x and z see y twice
+    x = np.array([1.0, 0.0, 0.0])
+    both = [mr.Pose(position=position, across=direction, sigma=POSITION) for direction in (x, z)]
+    known = [np.where(own == 0, position, np.nan) for own in (x, z)]
+    apart = [mr.Pose(position=values, sigma=POSITION) for values in known]
+    seen, expected = (mr.estimate(robot, unknown=PRIOR, measured=measured) for measured in (both, apart))
+    np.testing.assert_allclose(seen.covariance(), expected.covariance(), atol=1e-9 * SIGMA**2)
+    one = mr.Pose(position=position[0], across=x, sigma=POSITION)
+    lost = mr.estimate(robot, unknown=PRIOR, measured=[one, mr.Pose(position=(np.nan, 0, 0), across=z, sigma=POSITION)])
+    assert "without sensor 1" in str(lost)
 
 
 def test_what_is_not_seen_keeps_its_prior_and_says_so(trials):

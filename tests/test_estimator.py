@@ -386,3 +386,19 @@ def test_forces_on_a_platform_that_is_held_are_estimated_sample_by_sample():
     for k in range(4):
         sample = meter.step([place])
         assert sample.status is (mr.Status.TRACKING if k else mr.Status.CONVERGED)
+
+
+def test_a_sample_seen_in_two_pictures(make, wandering):
+    """Along x and y, each position with another depth: as without the coordinate along the direction."""
+    directions, random = np.eye(3)[:2], np.random.default_rng(4)
+    pictures = [mr.Pose(position=(0, 0, 0.4), across=direction, sigma=POSITION) for direction in directions]
+    plain = [mr.Pose(position=(0, 0, 0.4), sigma=POSITION)] * 2
+    by_pictures, by_numbers = make(sensors=pictures), make(sensors=plain)
+    for position in wandering[1][:20]:
+        sample = by_pictures.step([position + random.normal() * direction for direction in directions])
+        other = by_numbers.step([np.where(direction == 0, position, np.nan) for direction in directions])
+        assert "without" not in str(sample)
+        np.testing.assert_allclose(sample.value("tip_force"), other.value("tip_force"), atol=1e-9)
+        np.testing.assert_allclose(sample.covariance(), other.covariance(), atol=1e-12)
+    blind = by_pictures.step([None, (0.0, np.nan, 0.0)])
+    assert "without sensor 0, sensor 1" in str(blind)

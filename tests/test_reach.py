@@ -507,3 +507,20 @@ def test_a_margin_that_is_not_known_is_not_within_its_limit():
             limits=mr.Limits(stability_margin=margin),
         )
         assert found.status is status
+
+
+def test_a_line_is_reached_where_it_is_near(start):
+    """A target anywhere on a line: nothing is asked for along it."""
+    direction = np.array([1.0, 0.3, -0.2])
+    there = goals(start, 8).tip_position
+    target = mr.Pose(position=there + 3 * direction, across=direction)
+    assert target.count == 2
+    found = mr.reach(TUBES, target, free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
+    assert (found.status == mr.Status.REACHED).all()
+    off = found.tip_position - there
+    assert np.linalg.norm(np.cross(off, direction / np.linalg.norm(direction)), axis=1).max() < 1e-7
+    np.testing.assert_allclose(found.target_error, 0, atol=1e-7)
+    far = mr.Pose(position=(0.5, 0, 0.1), across=(0, 0, 1))
+    beyond = mr.reach(TUBES, far, free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
+    assert beyond.status is not mr.Status.REACHED
+    assert beyond.target_error > 0.3  # the tubes are 0.4 m long, and bent

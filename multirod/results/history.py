@@ -70,7 +70,9 @@ class History(Solution[Robot_co]):
             TypeError: If a sample is no ``Solution``.
             ValueError: If there are none, they are not of one kind, or times are not as many, or do not increase.
         """
-        several = sequence("History.of.samples", samples, Solution, "Solutions, such as a Tracker's samples, or the solution of each Estimate")
+        several = sequence(
+            "History.of.samples", samples, Solution, "Solutions, such as a Tracker's samples, or the solution of each Estimate"
+        )
         if not several:
             refuse("History.of.samples", samples, "must be one or more")
         first = several[0]

@@ -80,6 +80,19 @@ def place_row(
         J[t, row, j] = weight * total
 
 
+@wp.func
+def across(axis: wp.vec3d) -> wp.mat33d:
+    """Rows: two directions across, and zeros."""
+    least = int(0)
+    for i in range(1, 3):
+        if wp.abs(axis[i]) < wp.abs(axis[least]):
+            least = i
+    side = wp.vec3d()
+    side[least] = f64(1.0)
+    first = wp.normalize(wp.cross(axis, side))
+    return wp.matrix_from_rows(first, wp.cross(axis, first), wp.vec3d())
+
+
 @wp.func(inline=False)
 def position_rows(
     s: Condensed, r: wp.array2d[wp.float64], J: wp.array3d[wp.float64], t: int, row: int, goal: wp.vec3d, weight: f64
@@ -93,6 +106,24 @@ def position_rows(
 
 
 @wp.func(inline=False)
+def sighted_rows(
+    s: Condensed,
+    r: wp.array2d[wp.float64],
+    J: wp.array3d[wp.float64],
+    t: int,
+    row: int,
+    goal: wp.vec3d,
+    direction: wp.vec3d,
+    weight: f64,
+):
+    """(4b)"""
+    frame = across(direction)
+    error = frame * (s.position[t] - goal)
+    for i in range(2):
+        place_row(s, r, J, t, row + i, error[i], wp.vec3d(frame[i, 0], frame[i, 1], frame[i, 2]), 0, weight)
+
+
+@wp.func(inline=False)
 def rotation_rows(
     s: Condensed, r: wp.array2d[wp.float64], J: wp.array3d[wp.float64], t: int, row: int, goal: wp.mat33d, weight: f64
 ):
@@ -102,19 +133,6 @@ def rotation_rows(
     for i in range(3):
         by = wp.vec3d(change[0, i], change[1, i], change[2, i])  # that of the outer frame is its transpose
         place_row(s, r, J, t, row + i, turn[i], by, 3, weight)
-
-
-@wp.func
-def across(axis: wp.vec3d) -> wp.mat33d:
-    """Rows: two directions across, and zeros."""
-    least = int(0)
-    for i in range(1, 3):
-        if wp.abs(axis[i]) < wp.abs(axis[least]):
-            least = i
-    side = wp.vec3d()
-    side[least] = f64(1.0)
-    first = wp.normalize(wp.cross(axis, side))
-    return wp.matrix_from_rows(first, wp.cross(axis, first), wp.vec3d())
 
 
 @wp.func
@@ -168,15 +186,20 @@ def place_errors(
     position: wp.vec3d,
     rotation: wp.mat33d,
     axis: wp.vec3d,
+    direction: wp.vec3d,
     weight: wp.vec2d,
 ):
-    """``W (h - y)`` alone, as (4), (5) and (6) have it, of what a target has: a position, a rotation, an axis."""
+    """``W (h - y)`` alone, as (4) to (6) have it, of what a target has: a position, all or across a direction, a rotation, an
+    axis."""
     row = int(0)
     if kind[0] != 0:
         error = s.position[t] - position
-        for i in range(3):
-            errors[t, i] = weight[0] * error[i]
         row = 3
+        if kind[0] == 2:
+            error = across(direction) * error
+            row = 2
+        for i in range(row):
+            errors[t, i] = weight[0] * error[i]
     if kind[1] != 0:
         turn = rotation_vector(s.rotation[t] * wp.transpose(rotation))
         for i in range(3):

@@ -14,6 +14,9 @@ from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, refuse
 
+PARTS = ("position", "rotation", "axis", "across")  # of a pose
+Kind = tuple[int, int, int]  # whether there is a position (2: across a direction), a rotation, an axis
+POSITION_ROWS = (0, 3, 2)  # of each of these
 SMALLEST_AXIS = 1e-100  # whose square still is a number
 SERIES_BELOW = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
 
@@ -37,14 +40,16 @@ class Pose:
 
     Args:
         position: In the world [m], shape (..., 3).
+        across: Direction in the world across which alone the position counts, of any length, shape (..., 3): a measurement in a
+            picture that is taken along it, or a target anywhere on a line along it. All of the position counts by default.
         rotation: Body to world, shape (..., 3, 3).
         axis: Direction in the world that the z axis of the end effector has, of any length, shape (..., 3).
         sigma: Standard deviations of a measurement: of the position [m] and of the angles [rad], a pair, or one number where only
             one of the two is given. None of a target.
 
     Raises:
-        ValueError: If a rotation is none, an axis is zero, ``sigma`` is not > 0, both or none of rotation and axis are given
-            without a position, or leading axes do not broadcast.
+        ValueError: If a rotation is none, an axis or ``across`` is zero, ``sigma`` is not > 0, both or none of rotation and axis
+            are given without a position, ``across`` is given without one, or leading axes do not broadcast.
     """
 
     def __init__(
@@ -54,15 +59,22 @@ class Pose:
         rotation: Numbers | None = None,
         axis: Numbers | None = None,
         sigma: Numbers | None = None,
+        across: Numbers | None = None,
     ) -> None:
         if rotation is not None and axis is not None:
             refuse("Pose.axis", axis, "must not be given beside rotation, of which it is a part")
         if position is None and rotation is None and axis is None:
             raise ValueError("Pose needs a position, a rotation or an axis")
+        if across is not None and position is None:
+            refuse("Pose.across", across, "must not be given without a position, which counts across it")
         self.position = None if position is None else _vector("Pose.position", position)
         self.rotation = None if rotation is None else _rotation(rotation)
-        self.axis = None if axis is None else _direction(axis)
-        self.sigma = None if sigma is None else _sigma(sigma, self.position is not None, self.position is None or self.count > 3)
+        self.axis = None if axis is None else _direction("Pose.axis", axis)
+        self.across = None if across is None else _direction("Pose.across", across)
+        if self.across is not None and np.isnan(self.across).any():
+            refuse("Pose.across", across, "must be finite: what was not measured is NaN in the position")
+        angles = self.rotation is not None or self.axis is not None
+        self.sigma = None if sigma is None else _sigma(sigma, self.position is not None, angles)
         if self.sigma is not None:
             plausibility.of_pose_sigma(self.sigma, self.position is not None)
         try:
@@ -71,13 +83,18 @@ class Pose:
             refuse("Pose", Described(f"leading axes {[v.shape[:-t] for v, t in self._parts()]}"), "must broadcast")
 
     def _parts(self) -> list[tuple[FloatArray, int]]:
-        parts = ((self.position, 1), (self.rotation, 2), (self.axis, 1))
+        parts = ((self.position, 1), (self.rotation, 2), (self.axis, 1), (self.across, 1))
         return [(value, tail) for value, tail in parts if value is not None]
 
     @property
     def count(self) -> int:
-        """Rows: 3 of a position, 3 of a rotation, 2 of an axis."""
-        return 3 * (self.position is not None) + 3 * (self.rotation is not None) + 2 * (self.axis is not None)
+        """Rows: 3 of a position, 2 of one across a direction, 3 of a rotation, 2 of an axis."""
+        return row_count(self.kind)
+
+    @property
+    def kind(self) -> "Kind":
+        """What it has, as kernels read it."""
+        return _kind(self)
 
     @property
     def complete(self) -> NDArray[np.bool_]:
@@ -102,10 +119,10 @@ class Pose:
             return None if value is None else np.asarray(take(value, batch_shape, instances, tail=tail))
 
         weight = np.array([1 / length**2, 1 / length]) if self.sigma is None else 1 / self.sigma
-        return PoseRows(taken(self.position, 1), taken(self.rotation, 2), taken(self.axis, 1), weight)
+        return PoseRows(taken(self.position, 1), taken(self.rotation, 2), taken(self.axis, 1), weight, taken(self.across, 1))
 
     def __repr__(self) -> str:
-        names = [name for name in ("position", "rotation", "axis", "sigma") if getattr(self, name) is not None]
+        names = [name for name in (*PARTS, "sigma") if getattr(self, name) is not None]
         return f"Pose({', '.join(names)}; {self.count} rows, batch {self.batch_shape})"
 
 
@@ -118,26 +135,38 @@ class PoseRows:
         rotation: Shape (b, 3, 3), or None.
         axis: Unit vectors (b, 3), or None.
         weight: What rows of the position and of the angles are multiplied by, shape (2,).
+        across: Unit vectors (b, 3) across which the position counts, or None.
     """
 
     position: FloatArray | None
     rotation: FloatArray | None
     axis: FloatArray | None
     weight: FloatArray
+    across: FloatArray | None = None
+
+    @property
+    def kind(self) -> Kind:
+        """What they have, as kernels read it."""
+        return _kind(self)
 
     @property
     def count(self) -> int:
         """Rows."""
-        return 3 * (self.position is not None) + 3 * (self.rotation is not None) + 2 * (self.axis is not None)
+        return row_count(self.kind)
+
+    @property
+    def position_rows(self) -> int:
+        """Those of the position, which come first."""
+        return POSITION_ROWS[self.kind[0]]
 
     def take(self, instances: Instances) -> Self:
         """Those of some instances, by an index of the first axis."""
-        values = (self.position, self.rotation, self.axis)
-        position, rotation, axis = (None if value is None else value[instances] for value in values)
-        return type(self)(position, rotation, axis, self.weight)
+        values = (self.position, self.rotation, self.axis, self.across)
+        position, rotation, axis, across = (None if value is None else value[instances] for value in values)
+        return type(self)(position, rotation, axis, self.weight, across)
 
     def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As ``Rows`` say; (4) of a position, (5) of a rotation, (6) of an axis."""
+        """As ``Rows`` say; (4) of a position, (4b) across a direction, (5) of a rotation, (6) of an axis."""
         errors, maps = self.errors(found.position, found.rotation)
         return errors, maps @ found.pose_by_unknowns, maps @ found.pose_by_free
 
@@ -145,11 +174,11 @@ class PoseRows:
         """``W (h - y)`` (b, m) at poses, and its derivative by the pose's six rows, shape (b, m, 6)."""
         count = len(position)
         errors, maps = np.zeros((count, self.count)), np.zeros((count, self.count, 6))
-        row = 0
+        row = self.position_rows
         if self.position is not None:
-            errors[:, :3] = self.weight[0] * (position - self.position)
-            maps[:, :3, :3] = self.weight[0] * np.eye(3)
-            row = 3
+            sides = np.eye(3) if self.across is None else _sides(self.across)
+            errors[:, :row] = self.weight[0] * (sides @ (position - self.position)[..., None])[..., 0]
+            maps[:, :row, :3] = self.weight[0] * sides
         if self.rotation is not None:
             turn = vectors(rotation @ np.swapaxes(self.rotation, -1, -2))
             errors[:, row:] = self.weight[1] * turn
@@ -161,11 +190,27 @@ class PoseRows:
         return errors, maps
 
 
-def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(6) How ``tangent`` (b, 3) is tilted from ``axis`` about two directions across it (b, 2), and its derivative (b, 2, 3)."""
+def _kind(parts: "Pose | PoseRows") -> Kind:
+    position = 0 if parts.position is None else 1 if parts.across is None else 2
+    return position, int(parts.rotation is not None), int(parts.axis is not None)
+
+
+def row_count(kind: Kind) -> int:
+    """Rows of a pose of a kind."""
+    return POSITION_ROWS[kind[0]] + 3 * kind[1] + 2 * kind[2]
+
+
+def _sides(axis: FloatArray) -> FloatArray:
+    """Two directions across unit vectors (..., 3), and across each other, shape (..., 2, 3)."""
     first = cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)])
     first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-    across = np.stack([first, cross(axis, first)], axis=-2)
+    return np.stack([first, cross(axis, first)], axis=-2)
+
+
+def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(6) How ``tangent`` (b, 3) is tilted from ``axis`` about two directions across it (b, 2), and its derivative (b, 2, 3)."""
+    across = _sides(axis)
+    first = across[..., 0, :]
     cosine = (axis * tangent).sum(axis=-1)
     turned = cross(axis, tangent)
     u = 1 - cosine
@@ -207,12 +252,12 @@ def _rotation(value: object) -> FloatArray:
     return result
 
 
-def _direction(value: object) -> FloatArray:
+def _direction(field: str, value: object) -> FloatArray:
     """Unit vectors (..., 3), which may be NaN."""
-    result = _vector("Pose.axis", value)
+    result = _vector(field, value)
     size = np.linalg.norm(result, axis=-1, keepdims=True)
     if (size <= SMALLEST_AXIS).any():
-        refuse("Pose.axis", value, "must not be zero")
+        refuse(field, value, "must not be zero")
     return np.asarray(result / size)
 
 

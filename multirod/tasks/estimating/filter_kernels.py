@@ -8,7 +8,7 @@ import warp as wp
 from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.status import Status
-from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, position_rows, rotation_rows
+from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, position_rows, rotation_rows, sighted_rows
 from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, Watched, strayed
 
 f64 = wp.float64
@@ -27,6 +27,7 @@ class Filter:
     position: wp.array2d[wp.vec3d]  # (instance, sensor)
     rotation: wp.array2d[wp.mat33d]
     axis: wp.array2d[wp.vec3d]
+    across: wp.array2d[wp.vec3d]
     told: wp.array3d[wp.float64]  # rows, each its error, then its derivatives by x and by p, (instance, m, 1 + n + k)
     known: wp.array2d[int]  # which rows there are, (instance, m)
     gated: int
@@ -94,9 +95,12 @@ def place_rows(s: Filter, t: int):
     for i in range(s.kind.shape[0]):
         kind = s.kind[i]
         row = s.row[i]
-        if kind[0] != 0:
+        if kind[0] == 1:
             position_rows(s.task, s.r, s.J, t, row, s.position[t, i], s.weight[i][0])
             row += 3
+        if kind[0] == 2:
+            sighted_rows(s.task, s.r, s.J, t, row, s.position[t, i], s.across[t, i], s.weight[i][0])
+            row += 2
         if kind[1] != 0:
             rotation_rows(s.task, s.r, s.J, t, row, s.rotation[t, i], s.weight[i][1])
         if kind[2] != 0:

@@ -15,13 +15,13 @@ from multirod.problem import BoundaryProblem
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.given import plain, turned
 from multirod.tasks.measuring.curvature import AlongTask, Curvature, CurvatureRows, Places
-from multirod.tasks.rows import SMALLEST_AXIS, Pose, PoseRows
+from multirod.tasks.rows import PARTS, SMALLEST_AXIS, Pose, PoseRows
 from multirod.validation import Described, FloatArray, array, refuse
 
 Sensor = Pose | Curvature
 EYE = np.eye(3)
+TOLD = ("position", "rotation", "axis")  # at each sample; across which direction a position counts stays
 TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
-PARTS = ("position", "rotation", "axis")
 # what surely is a measurement of each, of a sensor that did not drop out
 PLAINLY: dict[str, Callable[[Any], bool]] = {
     "position": plain,
@@ -55,9 +55,10 @@ class Measured:
         self.missing = self._missing()
 
     def position(self) -> FloatArray | None:
-        """Where the first instance's end effector was seen [m], shape (3,), NaN where that is missing; None where none looks."""
+        """Where the first instance's end effector was seen [m], shape (3,), NaN where that is missing; None where no sensor sees
+        all of it."""
         for rows, end in zip(self.rows, self.ends, strict=True):
-            if isinstance(rows, PoseRows) and rows.position is not None:
+            if isinstance(rows, PoseRows) and rows.position is not None and rows.across is None:
                 known = self.known[0, end - rows.count :][:3]
                 return np.where(known, rows.position[0], np.nan)
         return None
@@ -100,10 +101,12 @@ def _gone(k: int, rows: PoseRows | CurvatureRows, known: NDArray[np.bool_]) -> l
         return [f"sensor {k}"]
     if isinstance(rows, CurvatureRows):
         return [f"{np.count_nonzero(~known)} of {len(known)} numbers of sensor {k}"]
-    missing = [name for name, there in zip("xyz", known[:3], strict=True) if not there] if rows.position is not None else []
-    if missing == ["x", "y", "z"]:
-        missing = ["position"]
-    if not known[3:].all():
+    count = rows.position_rows
+    if count == 3 and known[:3].any():
+        missing = [name for name, there in zip("xyz", known[:3], strict=True) if not there]
+    else:
+        missing = [] if known[:count].all() else ["position"]
+    if not known[count:].all():
         missing.append("rotation" if rows.rotation is not None else "axis")
     return [f"{' and '.join(missing)} of sensor {k}"]
 
@@ -134,12 +137,13 @@ def refuse_nothing(field: str, known: NDArray[np.bool_]) -> None:
 
 
 def _filled(own: PoseRows) -> tuple[PoseRows, NDArray[np.bool_]]:
-    """The rows of a pose, NaN replaced, and which of them were no NaN; of angles all or none."""
+    """The rows of a pose, NaN replaced, and which of them were no NaN; of angles, and across a direction, all or none."""
     known: list[NDArray[np.bool_]] = []
     position, rotation, axis = own.position, own.rotation, own.axis
     if position is not None:
-        known.append(np.isfinite(position))
-        position = np.where(known[-1], position, 0.0)
+        there = np.isfinite(position)
+        known.append(there if own.across is None else np.repeat(there.all(axis=1, keepdims=True), own.position_rows, axis=1))
+        position = np.where(there, position, 0.0)
     for value, tail, width in ((rotation, (1, 2), 3), (axis, (1,), 2)):
         if value is not None:
             whole = np.asarray(np.isfinite(value).all(axis=tail))
@@ -148,7 +152,7 @@ def _filled(own: PoseRows) -> tuple[PoseRows, NDArray[np.bool_]]:
         rotation = np.where(known[-1][:, :1, None], rotation, np.eye(3))
     if axis is not None:
         axis = np.where(known[-1][:, :1], axis, (0.0, 0.0, 1.0))
-    return PoseRows(position, rotation, axis, own.weight), np.concatenate(known, axis=1)
+    return PoseRows(position, rotation, axis, own.weight, own.across), np.concatenate(known, axis=1)
 
 
 def batch_of(sensors: Sequence[Sensor]) -> tuple[int, ...]:
@@ -170,8 +174,8 @@ class Live(Measured):
         counted: Rows that there are, shape (b,).
         slices: Where those of each sensor stand.
         weights: One over the deviations of each sensor.
-        kinds: Whether each sensor has a position, a rotation, an axis; none of a curvature.
-        poses: What poses say, by these names, ``position`` and ``axis`` (b, sensor_count, 3), ``rotation``
+        kinds: Whether each sensor has a position (2: across a direction), a rotation, an axis; none of a curvature.
+        poses: What poses say, by these names, ``position``, ``axis`` and ``across`` (b, sensor_count, 3), ``rotation``
             (b, sensor_count, 3, 3), as kernels read it.
         there: ``known``, as kernels read it.
     """
@@ -186,17 +190,21 @@ class Live(Measured):
         self.known[:] = True
         self.missing, self.counted = self._whole
         shape = self._count, len(sensors)
-        types = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}
+        types = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
         self.poses = {name: Shared(shape, dtype, device) for name, dtype in types.items()}
-        self.poses["rotation"].values[:], self.poses["axis"].values[:] = EYE, EYE[2]
+        for name, rest in (("rotation", EYE), ("axis", EYE[2]), ("across", EYE[2])):
+            self.poses[name].values[:] = rest
         self.there = Shared(self.known.shape, wp.int32, device)
         self.there.values[:] = 1
-        self._names = [[name for name in PARTS if getattr(sensor, name, None) is not None] for sensor in sensors]
-        self.kinds = [tuple(int(name in names) for name in PARTS) for names in self._names]
+        self._names = [[name for name in TOLD if getattr(sensor, name, None) is not None] for sensor in sensors]
+        self.kinds = [sensor.kind if isinstance(sensor, Pose) else (0, 0, 0) for sensor in sensors]
         for k, sensor in enumerate(sensors):
             if isinstance(sensor, Pose):
-                own: Any = [self.poses[name].values[:, k] if name in self._names[k] else None for name in PARTS]
-                self.rows[k] = PoseRows(own[0], own[1], own[2], self.weights[k])
+                given: Any = self.rows[k]
+                if given.across is not None:
+                    self.poses["across"].values[:, k] = given.across
+                own: Any = [self.poses[name].values[:, k] if getattr(sensor, name) is not None else None for name in PARTS]
+                self.rows[k] = PoseRows(own[0], own[1], own[2], self.weights[k], own[3])
             else:
                 self.rows[k], _ = places.filled(sensor, np.zeros((self._count, len(sensor.at), sensor.components)))
 
@@ -243,7 +251,7 @@ class Live(Measured):
             for name, part in zip(names, parts, strict=True):
                 self.poses[name].values[0, k] = part
             return None
-        told: dict[str, FloatArray | None] = dict.fromkeys(PARTS)
+        told: dict[str, FloatArray | None] = dict.fromkeys(TOLD)
         for name, part in zip(names, parts, strict=True):
             told[name] = self._numbers(f"measured[{k}], {name}", part, (3, 3) if name == "rotation" else (3,))
         axis, rotation = told["axis"], told["rotation"]
@@ -260,7 +268,8 @@ class Live(Measured):
                     parts[-1],
                     f"must be a rotation: R R^T is off the identity by {np.nanmax(off):.2g}",
                 )
-        rows, known = _filled(PoseRows(told["position"], told["rotation"], told["axis"], self.weights[k]))
+        across = getattr(self.rows[k], "across")  # noqa: B009  (a pose's)
+        rows, known = _filled(PoseRows(told["position"], told["rotation"], told["axis"], self.weights[k], across))
         for name in names:
             self.poses[name].values[:, k] = getattr(rows, name)
         return None if known.all() else known

@@ -17,10 +17,10 @@ from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
 from multirod.tasks.reaching.drive_kernels import SETTINGS, Drive
 from multirod.tasks.reaching.search_kernels import make_search
+from multirod.tasks.rows import Kind, row_count
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
-Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
 ROUNDS = 64  # integrations in one launch, of few instances: who stops a batch waits no longer than that
 
 
@@ -52,7 +52,7 @@ class DriveArrays:
         problem = task.problem
         self._task, device = task, problem.device
         count, n, k, c = problem.instance_count, problem.unknown_count, task.count, limit_count
-        m = 3 * kind[0] + 3 * kind[1] + 2 * kind[2]
+        m = row_count(kind)
         self._state: Any = Drive()
         self._shared: dict[str, Shared] = {}
         # what follows from limits, which ``clear`` leaves
@@ -64,7 +64,7 @@ class DriveArrays:
         rooms |= {"count": ((2,), wp.int32)}
         for place in ("start", "last", "base", "here", "fold"):
             rooms |= {f"{place}_x": ((count, n), wp.float64), f"{place}_p": ((count, k), wp.float64)}
-        kinds = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}
+        kinds = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
         rooms |= {name: ((count,), dtype) for name, dtype in kinds.items()}
         whole = ("phase", "asked", "verdict", "status", "integrations", "allowed", "iterations", "begun", "fresh", "steps")
         rooms |= dict.fromkeys((*whole, "settling", "blocked", "folded"), ((count,), wp.int32))

@@ -4,7 +4,15 @@
 import warp as wp
 
 from multirod.kernels.linear_algebra_kernels import eliminate
-from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, place_errors, position_rows, rotation_rows
+from multirod.tasks.condensed_kernels import (
+    Condensed,
+    axis_rows,
+    condense,
+    place_errors,
+    position_rows,
+    rotation_rows,
+    sighted_rows,
+)
 from multirod.tasks.programme_kernels import Programme, keep_limits, place_rows, place_sides
 
 f64 = wp.float64
@@ -25,7 +33,7 @@ class Drive:
 
     task: Condensed
     step: Programme
-    kind: wp.vec3i  # whether a target has a position, a rotation, an axis
+    kind: wp.vec3i  # whether a target has a position (2: across a direction), a rotation, an axis
     settings: wp.array[wp.float64]
     # constants
     unit: wp.array[wp.float64]  # (9), (k,)
@@ -42,6 +50,7 @@ class Drive:
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]
     axis: wp.array[wp.vec3d]
+    across: wp.array[wp.vec3d]
     # places
     start_x: wp.array2d[wp.float64]
     start_p: wp.array2d[wp.float64]
@@ -132,15 +141,19 @@ def evaluate(s: wp.ref[Drive], t: int):
     """(3) Rows of the target, and its errors."""
     condense(s.task, t)
     row = int(0)
-    if s.kind[0] != 0:
-        position_rows(s.task, s.step.r, s.step.J, t, row, s.position[t], s.settings[wp.static(POSITION_WEIGHT)])
+    place = s.settings[wp.static(POSITION_WEIGHT)]
+    if s.kind[0] == 1:
+        position_rows(s.task, s.step.r, s.step.J, t, row, s.position[t], place)
         row += 3
+    if s.kind[0] == 2:
+        sighted_rows(s.task, s.step.r, s.step.J, t, row, s.position[t], s.across[t], place)
+        row += 2
     if s.kind[1] != 0:
         rotation_rows(s.task, s.step.r, s.step.J, t, row, s.rotation[t], s.settings[wp.static(ANGLE_WEIGHT)])
     if s.kind[2] != 0:
         axis_rows(s.task, s.step.r, s.step.J, t, row, s.axis[t], s.settings[wp.static(ANGLE_WEIGHT)])
-    weight = wp.vec2d(s.settings[wp.static(POSITION_WEIGHT)], s.settings[wp.static(ANGLE_WEIGHT)])
-    place_errors(s.task, s.found, t, s.kind, s.position[t], s.rotation[t], s.axis[t], weight)
+    weight = wp.vec2d(place, s.settings[wp.static(ANGLE_WEIGHT)])
+    place_errors(s.task, s.found, t, s.kind, s.position[t], s.rotation[t], s.axis[t], s.across[t], weight)
 
 
 @wp.func(inline=False)

@@ -257,10 +257,9 @@ def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thread
 def _errors(search: Search) -> FloatArray:
     """Distance [m] and angle [rad] from the targets, shape (b, 2)."""
     rows, result = search.goals.rows, np.full((len(search.errors), 2), np.nan)
-    begin = 0
-    if rows.position is not None:
-        result[:, 0] = np.linalg.norm(search.errors[:, :3] / rows.weight[0], axis=1)
-        begin = 3
+    begin = rows.position_rows
+    if begin:
+        result[:, 0] = np.linalg.norm(search.errors[:, :begin] / rows.weight[0], axis=1)
     if rows.count > begin:
         result[:, 1] = np.linalg.norm(search.errors[:, begin:] / rows.weight[1], axis=1)
     return result

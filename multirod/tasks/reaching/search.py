@@ -26,7 +26,7 @@ from multirod.tasks.reaching.drive_kernels import (
     TOLERANCE,
 )
 from multirod.tasks.reaching.search_kernels import BEGINNING, ENDED, NOT_REACHED
-from multirod.tasks.rows import PoseRows
+from multirod.tasks.rows import PARTS, PoseRows
 from multirod.validation import FloatArray
 
 LEAST_PART = 0.01  # of the way
@@ -105,7 +105,7 @@ class Search:
     def __init__(self, task: Task, goals: Goals, x: FloatArray, p: FloatArray) -> None:
         self.task, self.goals = task, goals
         rows, limits, problem = goals.rows, goals.limits, task.problem
-        kind = int(rows.position is not None), int(rows.rotation is not None), int(rows.axis is not None)
+        kind = rows.kind
         key = ("search", task.free, kind, len(limits.low))
         self._arrays: DriveArrays = problem.tool(key, lambda: DriveArrays(task, kind, len(limits.low)))
         self._arrays.clear()
@@ -113,7 +113,7 @@ class Search:
         self._values = values = self._arrays.values
         self.origin, self.origin_unknowns = np.array(p), np.array(x)
         self.origin_errors = np.full((len(x), rows.count), np.nan)  # NaN where the start is not known
-        given: dict[str, FloatArray | None] = {"position": rows.position, "rotation": rows.rotation, "axis": rows.axis}
+        given: dict[str, FloatArray | None] = {name: getattr(rows, name) for name in PARTS}
         given |= {"centre": goals.centre, "residual_tolerance": goals.residual_tolerance}
         if self._arrays.limits is not limits:
             self._arrays.limit(limits, _limiting(limits, goals.unit) | {"curvature": problem.curvature_scale()})
