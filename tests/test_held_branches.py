@@ -13,7 +13,7 @@ from scipy.special import ellipe, ellipk
 
 import multirod as mr
 from multirod.solvers.following.journey import Journey
-from multirod.solvers.following.requests import Judge
+from multirod.solvers.following.requests import Answer, Judge
 
 EI, LENGTH = 0.02, 0.5
 STRIP = mr.Rod(length=LENGTH, bending_stiffness=(4 * EI, EI), torsional_stiffness=0.015)
@@ -310,7 +310,7 @@ def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(b
                 modes = SimpleNamespace(known=np.array([True]), index=index, diverging=np.array([False]))
                 answer = SimpleNamespace(modes=modes)
             else:
-                answer = SimpleNamespace(**vars(critical) | {"level": request.level})
+                answer = Answer(SimpleNamespace(**vars(critical) | {"level": request.level}), 1, 1, spent=False, contraction=0.0)
     assert ends == [meant]
     assert set(levels) == {0.9, 0.9 * (1 - 1e-3)}
 

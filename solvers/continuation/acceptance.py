@@ -37,19 +37,3 @@ def same_branch(gamma: FloatArray, before: FloatArray) -> NDArray[np.bool_]:
                 break
             E, power = E @ E, 2 * power
     return np.asarray(regular & (bound < RATIO_RADIUS))
-
-
-def goes_on(gamma: FloatArray, before: FloatArray) -> bool:
-    """``same_branch`` of two matrices (n, n)."""
-    try:
-        E = gamma @ np.linalg.inv(before)
-    except np.linalg.LinAlgError:
-        return False
-    E[np.diag_indices(len(E))] -= RATIO_CENTRE
-    power = 1.0
-    with np.errstate(all="ignore"):
-        while power <= RATIO_POWERS:
-            if np.sqrt((E * E).sum()) ** (1 / power) < RATIO_RADIUS:
-                return True
-            E, power = E @ E, 2 * power
-    return False

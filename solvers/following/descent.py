@@ -3,7 +3,9 @@
 Numbers in parentheses are those of ``docs/branches.md``.
 """
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -39,6 +41,7 @@ class Point:
         stiffness: ``K/L`` [N m].
         costless: How a turn that costs nothing turns what forces do work on, per radian, shape (m,).
         settled: The unknowns of the problem without clamps, turned so to where it wants them [1/m], shape (n,).
+        among: The points of the same launch, and which of them it is; None of a point alone.
     """
 
     unknowns: FloatArray
@@ -54,6 +57,7 @@ class Point:
     stiffness: float
     costless: FloatArray | None = None
     settled: FloatArray | None = None
+    among: "tuple[Points, int] | None" = None
 
     @property
     def size(self) -> float:
@@ -141,11 +145,7 @@ class Slope:
 
     def turn(self, radius: float) -> FloatArray:
         """(4) Turn in each mode: down, by that of Newton's step where it is shorter than the radius [rad], shape (m,)."""
-        slope, values = self.along, self.values
-        turn = np.minimum(np.abs(slope) / np.maximum(np.abs(values), SOFT), radius)
-        if values[0] < -SOFT and turn.max() < NUDGE * radius:  # in balance where nothing holds it
-            turn[0] = NUDGE * radius
-        return np.where(slope > 0, -turn, turn)
+        return np.asarray(downhill(self.along[None], self.values[None], np.array([radius]))[0])
 
     def step(self, radius: float) -> FloatArray:
         """(4) Change of the unknowns [1/m] that turns it so, shape (n,)."""
@@ -167,32 +167,143 @@ class Unfit(Exception):
     """The turn of the tip does not say what the rod is like, or nothing is finite."""
 
 
+def downhill(along: FloatArray, values: FloatArray, radius: FloatArray) -> FloatArray:
+    """(4) ``Slope.turn`` of many, (k, m): by the slope in each mode, its stiffness, both over ``K/L``, and radii (k,)."""
+    turn = np.minimum(np.abs(along) / np.maximum(np.abs(values), SOFT), radius[:, None])
+    balanced = (values[:, 0] < -SOFT) & (turn.max(axis=1) < NUDGE * radius)  # where nothing holds it
+    turn[balanced, 0] = NUDGE * radius[balanced]
+    return np.where(along > 0, -turn, turn)
+
+
 def slope_at(point: Point) -> Slope:
     """The energy at a point.
 
     Raises:
         Unfit: If the tip's turn does not tell it.
     """
-    m, both = len(point.forces), point.turned
-    if not (np.isfinite(both).all() and np.isfinite(point.gamma).all()):
-        raise Unfit
+    points, k = (Points.of([point]), 0) if point.among is None else point.among
+    return points.slopes.slope(k)
+
+
+@dataclass(frozen=True)
+class Points:
+    """What one launch says of several instances, of each as a ``Point`` does: the first axis of all is the instance.
+
+    ``forces`` are those of all.
+    """
+
+    unknowns: FloatArray
+    level: FloatArray
+    residual: FloatArray
+    gamma: FloatArray
+    forces: IntArray
+    unit: FloatArray
+    turned: FloatArray
+    moved: FloatArray
+    position: FloatArray
+    frames: FloatArray
+    stiffness: FloatArray
+    costless: FloatArray | None = None
+    settled: FloatArray | None = None
+
+    @classmethod
+    def of(cls, points: "list[Point]") -> "Points":
+        """Several as one."""
+        first = points[0]
+        names = [name for name in EACH if getattr(first, name) is not None]
+        return cls(forces=first.forces, **{name: np.array([getattr(point, name) for point in points]) for name in names})
+
+    def point(self, k: int) -> Point:
+        """That of one of them, all of which must be known."""
+        own = {name: getattr(self, name)[k] for name in EACH if getattr(self, name) is not None}
+        return Point(**(own | {"level": float(self.level[k])}), forces=self.forces, among=(self, k))
+
+    @cached_property
+    def slopes(self) -> "Slopes":
+        """The energy at all of them."""
+        return Slopes(self)
+
+
+EACH = tuple(field.name for field in fields(Points) if field.name != "forces")  # what there is one of for each instance
+
+
+class Slopes:
+    """(1), (2) ``Slope`` of many points.
+
+    Args:
+        points: The points.
+
+    Attributes:
+        fit: Whether the tip's turn tells it, shape (k,); the others are NaN.
+    """
+
+    def __init__(self, points: Points) -> None:
+        both, gamma, forces = points.turned, points.gamma, points.forces
+        n, m = gamma.shape[-1], len(forces)
+        fit = np.asarray(np.isfinite(both).all(axis=(1, 2)) & np.isfinite(gamma).all(axis=(1, 2)))
+        inverse = inverses(np.where(fit[:, None, None], both, np.eye(n)))
+        with np.errstate(invalid="ignore"):
+            fit &= ~(norms(both.reshape(-1, n * n)) * norms(inverse.reshape(-1, n * n)) * KEPT > 1) & np.isfinite(
+                inverse[:, 0, 0]
+            )
+        others = np.setdiff1d(np.arange(n), forces)
+        A = points.unit[:, :, None] * gamma[:, forces] @ inverse[:, :, :m]
+        H = 0.5 * (A + A.swapaxes(1, 2))
+        back = (-inverse[:, :, m:] @ points.residual[:, others, None])[..., 0]
+        led = (gamma[:, forces] @ back[..., None])[..., 0]
+        gradient = points.unit * (points.residual[:, forces] + led)
+        if points.costless is not None:
+            for k in np.flatnonzero(fit).tolist():
+                if (turn := points.point(k).turn) is not None:
+                    H[k], gradient[k] = turn.held(H[k], points.stiffness[k]), turn.without(gradient[k])
+        H[~fit] = np.eye(m)
+        values, modes = np.linalg.eigh(H)
+        self.fit, self.gradient, self.stiffness = fit, gradient, points.stiffness
+        self.values, self.modes = values / points.stiffness[:, None], modes
+        self.ways, self.back = inverse[:, :, :m], back
+        self.facing = np.linalg.slogdet(np.where(fit[:, None, None], both, np.eye(n)))[0]
+        self._clamps = points.frames.shape[1] - 1
+
+    def slope(self, k: int) -> Slope:
+        """That of one of them.
+
+        Raises:
+            Unfit: If the tip's turn does not tell it.
+        """
+        if not self.fit[k]:
+            raise Unfit
+        return Slope(
+            self.gradient[k],
+            self.values[k],
+            self.modes[k],
+            self.ways[k],
+            self.back[k],
+            float(self.facing[k]),
+            float(self.stiffness[k]),
+            self._clamps,
+        )
+
+    @property
+    def along(self) -> FloatArray:
+        """``Slope.along`` of all, shape (k, m)."""
+        return np.asarray((self.modes.swapaxes(1, 2) @ self.gradient[..., None])[..., 0] / self.stiffness[:, None])
+
+
+def norms(vectors: FloatArray) -> FloatArray:
+    """Of each of many (k, n), as ``np.linalg.norm`` of each alone."""
+    return np.asarray(np.sqrt((vectors[:, None, :] @ vectors[:, :, None])[:, 0, 0]))
+
+
+def inverses(matrices: FloatArray) -> FloatArray:
+    """Of each of many (k, n, n); NaN of what is singular."""
     try:
-        inverse: FloatArray = np.asarray(np.linalg.inv(both), dtype=np.float64)
+        return np.asarray(np.linalg.inv(matrices))
     except np.linalg.LinAlgError:
-        raise Unfit from None
-    if np.linalg.norm(both) * np.linalg.norm(inverse) * KEPT > 1:
-        raise Unfit
-    kept = np.ones(len(point.unknowns), dtype=bool)
-    kept[point.forces] = False
-    A: FloatArray = point.unit[:, None] * point.gamma[point.forces] @ inverse[:, :m]
-    H, unit = 0.5 * (A + A.T), point.stiffness
-    back = -inverse[:, m:] @ point.residual[kept]
-    gradient = point.unit * (point.residual[point.forces] + point.gamma[point.forces] @ back)
-    if (turn := point.turn) is not None:
-        H, gradient = turn.held(H, unit), turn.without(gradient)
-    values, modes = np.linalg.eigh(H)
-    facing = float(np.linalg.slogdet(both)[0])
-    return Slope(gradient, values / unit, modes, inverse[:, :m], back, facing, unit, len(point.frames) - 1)
+        result = np.full_like(matrices, np.nan)
+        for k, matrix in enumerate(matrices):
+            with suppress(np.linalg.LinAlgError):
+                result[k] = np.linalg.inv(matrix)
+        return result
 
 
 class ClampedTurns:

@@ -15,17 +15,16 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import MOST_STEPS, SAFE_LOAD, SINGULAR, TURN
 from multirod.solvers.energy_descent import EnergyDescent, EnergyDescentTrack
-from multirod.solvers.following.descent import ClampedTurns, Point, Turns
+from multirod.solvers.following.descent import ClampedTurns, Point, Points, Turns
 from multirod.solvers.following.journey import Journey
-from multirod.solvers.following.requests import At, Clamp, Judge, Judgement, Run, Settle
+from multirod.solvers.following.many import correct, descend, trace
+from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Judgement, Request, Run, Settle, Trace
 from multirod.solvers.following.walk import NOISY
 from multirod.status import failures
 from multirod.validation import FloatArray
 
 TOGETHER = 4096  # instances on their way at once
 PIECES = 6  # into which clamps cut a rod
-
-Request = At | Clamp | Judge | Settle
 
 
 def follow(
@@ -142,23 +141,30 @@ class _Together:
         for k in list(runs):
             self._next(runs, asked, k, None)
         while asked:
-            plain = {k: at for k, at in asked.items() if isinstance(at, At) and len(at.unknowns) == self.part.unknown_count}
-            clamped = {k: at for k, at in asked.items() if isinstance(at, At | Clamp) and k not in plain}
-            answers: dict[int, Any]
-            if plain:
-                with self._placed(self.part, {k: at.level for k, at in plain.items()}):
-                    answers = self._integrate(plain)
-            elif clamped:
-                answers = self._integrate_clamped(clamped)
-            elif damped := {k: request for k, request in asked.items() if isinstance(request, Settle)}:
-                answers = self._settle(damped)
-            else:
-                judged = {k: request for k, request in asked.items() if isinstance(request, Judge)}
-                with self._placed(self.part, {k: judge.point.level for k, judge in judged.items()}):
-                    answers = self._judge(judged)
-            self._steps[list(answers)] += self._each[list(answers)]
-            for k, answer in answers.items():
+            for k, answer in self._serve(asked).items():
                 self._next(runs, asked, k, answer)
+
+    def _serve(self, asked: dict[int, Request]) -> Mapping[int, Any]:
+        """What those that ask for the same get, the others come next: what is soon done first, so that many ask together."""
+        n = self.part.unknown_count
+        plain = {k: at for k, at in asked.items() if isinstance(at, At) and len(at.unknowns) == n}
+        if plain:
+            return self._integrate(plain)
+        if some := {k: own for k, own in asked.items() if isinstance(own, Correct)}:
+            return correct(self, some)
+        if falling := {k: own for k, own in asked.items() if isinstance(own, Descend)}:
+            return descend(self, falling)
+        if going := {k: own for k, own in asked.items() if isinstance(own, Trace)}:
+            return trace(self, going)
+        if clamped := {k: own for k, own in asked.items() if isinstance(own, At | Clamp)}:
+            return self._integrate_clamped(clamped)
+        if damped := {k: own for k, own in asked.items() if isinstance(own, Settle)}:
+            rested = self._settle(damped)
+            self._steps[list(rested)] += self._each[list(rested)]
+            return rested
+        judged = {k: own for k, own in asked.items() if isinstance(own, Judge)}
+        self._steps[list(judged)] += self._each[list(judged)]
+        return self._judge(judged)
 
     def _next(self, runs: dict[int, Run], asked: dict[int, Request], k: int, answer: object) -> None:
         asked.pop(k, None)
@@ -168,10 +174,8 @@ class _Together:
             del runs[k]
 
     @contextmanager
-    def _placed(self, part: BoundaryProblem, levels: dict[int, float]) -> Iterator[None]:
-        """Within it, instances are at these levels, the others at those where they were last."""
-        for k, level in levels.items():
-            self.levels[k] = level
+    def _placed(self, part: BoundaryProblem) -> Iterator[None]:
+        """Within it, all instances are at ``levels``."""
         if self.before is None:
             with part.at_load(self.levels):
                 yield
@@ -179,52 +183,78 @@ class _Together:
             part.write("inputs", self.before + self.levels[:, None] * (self.after - self.before))
             yield
 
-    def _put(self, unknowns: dict[int, FloatArray]) -> None:
-        values = self.part.read("unknowns")
-        for k, own in unknowns.items():
-            values[k] = own
-        self.part.write("unknowns", values)
+    # ---- integrations ----
+
+    def evaluate(
+        self, places: IntArray, unknowns: FloatArray, level: FloatArray
+    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """As ``many.Server`` says."""
+        part, n = self.part, self.part.unknown_count
+        values, on = part.read("unknowns"), np.zeros(part.instance_count, dtype=bool)
+        values[places], on[places] = unknowns, True
+        part.write("unknowns", values)
+        self.levels[places] = level
+        with self._placed(part), part.only(on):
+            part.integrate()
+        self._each[places] = np.maximum(self._each[places], part.step_count.numpy()[places])
+        self._steps[places] += self._each[places]
+        residual, gamma = part.read("residual")[places], part.read("gamma").reshape(-1, n, n)[places]
+        residual[part.fault.numpy()[places] != 0] = np.nan
+        return residual, gamma, self._steps[places] > self._most_steps
+
+    def points(self, places: IntArray) -> Points:
+        """As ``many.Server`` says."""
+        part, n = self.part, self.part.unknown_count
+        residual, gamma = part.read("residual")[places], part.read("gamma").reshape(-1, n, n)
+        residual[part.fault.numpy()[places] != 0] = np.nan
+        forces, stiffness = np.arange(n), np.full(len(places), np.nan)
+        unit, turned = np.full((len(places), n), np.nan), np.full((len(places), n, n), np.nan)
+        if self.tip is not None:
+            forces, stiffness = self.tip.forces, self.tip.stiffness[places]
+            unit, turned = (values[places] for values in self.tip.after(gamma))
+        return Points(
+            part.read("unknowns")[places],
+            self.levels[places],
+            residual,
+            gamma[places],
+            forces,
+            unit,
+            turned,
+            part.pose_columns.numpy()[places, None, :3, :n],
+            part.read("position")[places],
+            part.read("rotation").reshape(-1, 1, 3, 3)[places],
+            stiffness,
+        )
 
     def _integrate(self, asked: Mapping[int, At]) -> dict[int, Point]:
-        part, n = self.part, self.part.unknown_count
-        self._put({k: at.unknowns for k, at in asked.items()})
-        on = np.zeros(part.instance_count, dtype=bool)
-        on[list(asked)] = True
-        with part.only(on):
-            part.integrate()
-        self._each[on] = np.maximum(self._each[on], part.step_count.numpy()[on])
-        residual, gamma = part.read("residual"), part.read("gamma").reshape(-1, n, n)
-        residual[part.fault.numpy() != 0] = np.nan
-        position, rotation = part.read("position"), part.read("rotation").reshape(-1, 1, 3, 3)
-        forces, moved = np.arange(n), np.array(part.pose_columns.numpy()[:, None, :3, :n])
-        unit, turned = np.full((part.instance_count, n), np.nan), np.full((part.instance_count, n, n), np.nan)
-        stiffness = np.full(part.instance_count, np.nan)
-        if self.tip is not None:
-            forces, stiffness, (unit, turned) = self.tip.forces, self.tip.stiffness, self.tip.after(gamma)
-        more = unit, turned, moved, position, rotation, stiffness
-        first = {k: (at.unknowns, at.level, residual[k], gamma[k]) for k, at in asked.items()}
-        return {k: Point(*first[k], forces, *(field[k] for field in more)) for k in asked}
+        places = np.array(list(asked))
+        self.evaluate(places, np.array([at.unknowns for at in asked.values()]), np.array([at.level for at in asked.values()]))
+        points = self.points(places)
+        return {k: points.point(row) for row, k in enumerate(asked)}
 
     def _integrate_clamped(self, asked: Mapping[int, At | Clamp]) -> dict[int, Point | None]:
         if self._clamped is None:
             return dict.fromkeys(asked)
         part = self._clamped()
         turns = ClampedTurns(part)
-        size = turns.size
+        size, places = turns.size, np.array(list(asked))
         unknowns = np.zeros((part.instance_count, size))
         for k, at in asked.items():
             unknowns[k, : len(at.unknowns)] = at.unknowns
+            self.levels[k] = at.level
         turns.put(unknowns)
-        with self._placed(part, {k: at.level for k, at in asked.items()}):
+        with self._placed(part):
             part.integrate()
             residual, gamma, unit, turned = turns.after(unknowns)
             moved = np.concatenate([turns.clamps.moved(), part.pose_columns.numpy()[:, None, :3, :size]], axis=1)
             frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
             costless = turns.clamps.costless() or ()
         residual[part.fault.numpy() != 0] = np.nan
+        self._steps[places] += self._each[places]
         more = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
-        first = {k: (unknowns[k], at.level, residual[k], gamma[k]) for k, at in asked.items()}
-        return {k: Point(*first[k], turns.forces, *(field[k] for field in more)) for k in asked}
+        own = (values[places] for values in more)
+        points = Points(unknowns[places], self.levels[places], residual[places], gamma[places], turns.forces, *own)
+        return {k: points.point(row) for row, k in enumerate(asked)}
 
     def _settle(self, asked: dict[int, Settle]) -> dict[int, tuple[FloatArray | None, int]]:
         """Where damped dynamics rest."""
@@ -237,7 +267,8 @@ class _Together:
         chosen, guess, level = np.zeros(count, dtype=bool), part.read("unknowns"), np.ones(count)
         for k, request in asked.items():
             chosen[k], guess[k], level[k] = True, request.unknowns, request.level
-        with self._placed(part, {k: request.level for k, request in asked.items()}):
+            self.levels[k] = request.level
+        with self._placed(part):
             outcome = EnergyDescentTrack(method, part, corrected=False).settle(
                 tolerance=None,
                 max_iterations=most,
@@ -252,8 +283,11 @@ class _Together:
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:
         stability = self.part.stability
         assert stability is not None  # or there was nothing to follow
-        self._put({k: judge.point.unknowns for k, judge in asked.items()})
-        with self.part.everyone():
+        values = self.part.read("unknowns")
+        for k, judge in asked.items():
+            values[k], self.levels[k] = judge.point.unknowns, judge.point.level
+        self.part.write("unknowns", values)
+        with self._placed(self.part), self.part.everyone():
             modes, potential = stability.modes(), stability.potential()
         return {k: Judgement(modes.take([k]), float(potential[k])) for k in asked}
 

@@ -11,8 +11,9 @@ import numpy as np
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
-from multirod.solvers.following.requests import Clamp, Run, Settle
-from multirod.solvers.following.walk import Walk, alike
+from multirod.solvers.following.many import alike
+from multirod.solvers.following.requests import Clamp, Descend, Run, Settle
+from multirod.solvers.following.walk import Walk
 from multirod.stability import Modes
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -35,8 +36,6 @@ APART = 0.7  # ratio of distances at a quarter of the overshoot: above it anothe
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
 RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 MERGED = 0.05  # turn of the tip [rad] within which branches merge
-DESCENT_STEPS = 150
-SHORTEST = 1e-3  # turn of the tip by a step, that is not halved again [rad]
 ALONGSIDE = 2  # steps of Newton's method across modes that vanish
 VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
 CLAMPED_STEPS = 400  # of a descent by the turns of clamps
@@ -328,24 +327,7 @@ class Journey(Walk):
         if slope.clamps:
             landed = yield from self._descend_clamped(point, slope, first)
             return landed
-        radius, step = RADIUS, slope.change(first) if first.any() else slope.step(RADIUS)
-        for _ in range(DESCENT_STEPS):
-            trial = yield from self._at(point.unknowns + step, point.level)
-            self.iterations += 1
-            found = self._slope_or_none(trial)
-            if found is None or found.facing != slope.facing:
-                # beyond, the rod would snap though its tip were held: not in one long step
-                radius *= 0.5
-                if radius < SHORTEST:
-                    return None
-                step = slope.step(radius)
-                continue
-            point, slope = trial, found
-            if point.size <= self.tolerance and slope.values[0] >= -SOFT:
-                return point
-            radius = min(RADIUS, 1.5 * radius)
-            step = slope.step(radius)
-        return None
+        return (yield from self._ask(Descend(point, slope, first, self.tolerance, self._left))).point
 
     def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """The same by the turns of clamps: in steps that (9) says are short enough, as ends that are held bend the way."""

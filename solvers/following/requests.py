@@ -4,7 +4,9 @@ from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
-from multirod.solvers.following.descent import Point
+import numpy as np
+
+from multirod.solvers.following.descent import Point, Slope
 from multirod.stability import Modes
 from multirod.validation import FloatArray
 
@@ -52,4 +54,87 @@ class Settle:
     most: int
 
 
-Run = Generator[At | Judge | Clamp | Settle, Any, Any]
+@dataclass(frozen=True)
+class Correct:
+    """A request for the equilibrium near unknowns, shape (n,), at a level, by Newton's method (``many.correct``).
+
+    Attributes:
+        unknowns: Where it begins [1/m], shape (n,).
+        level: Part of the way.
+        neutral: Modes along which no step goes.
+        tolerance: Largest residual [1/m].
+        left: Integrations that it may take.
+    """
+
+    unknowns: FloatArray
+    level: float
+    neutral: int
+    tolerance: float
+    left: int
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A request to go along the branch through an equilibrium as far as it leads (``many.trace``).
+
+    Attributes:
+        start: The equilibrium.
+        neutral: Modes that are neutral all along.
+        tolerance: Largest residual [1/m].
+        left: Integrations that it may take.
+        first: The first step.
+        safe: A step that is short enough wherever it starts.
+        longest: No step is longer.
+        most: Steps allowed.
+    """
+
+    start: Point
+    neutral: int
+    tolerance: float
+    left: int
+    first: float
+    safe: float
+    longest: float
+    most: int
+
+
+@dataclass(frozen=True)
+class Descend:
+    """A request to go down in energy by the turns of the tip (``many.descend``).
+
+    Attributes:
+        point: From where.
+        slope: There.
+        first: How the tip is turned at first, shape (m,); all zero where the slope tells.
+        tolerance: Largest residual [1/m].
+        left: Integrations that it may take.
+    """
+
+    point: Point
+    slope: Slope
+    first: FloatArray
+    tolerance: float
+    left: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of one of these three.
+
+    Attributes:
+        point: The last one on the way; None where there is none.
+        integrations: That it took.
+        iterations: That it took.
+        spent: Whether it would have taken more than it may.
+        contraction: Of Newton's method.
+    """
+
+    point: Point | None
+    integrations: int
+    iterations: int
+    spent: bool
+    contraction: float = np.inf
+
+
+Request = At | Clamp | Judge | Settle | Correct | Trace | Descend
+Run = Generator[Request, Any, Any]

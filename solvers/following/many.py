@@ -1,0 +1,327 @@
+"""What takes instances the most integrations, of many at once: Newton's method, along a branch, and down in energy.
+
+Every instance takes the steps that it would take alone. Numbers in parentheses are those of ``docs/branches.md``.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.batch import IntArray
+from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
+from multirod.solvers.following.descent import RADIUS, SOFT, Point, Points, Slope, Slopes, downhill, norms
+from multirod.solvers.following.requests import Answer, Correct, Descend, Trace
+from multirod.validation import FloatArray
+
+BoolArray = NDArray[np.bool_]
+
+NEWTON_STEPS = 8
+POLISHED = 1e-3  # of the tolerance: what needs no step
+GROWTH = 0.5  # of the way, that the next step may be
+FASTER = 3.0
+DESCENT_STEPS = 150
+SHORTEST = 1e-3  # turn of the tip by a step, that is not halved again [rad]
+
+
+class Server(Protocol):
+    """What integrates."""
+
+    def evaluate(self, places: IntArray, unknowns: FloatArray, level: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Integrate instances (k,) at unknowns (k, n) and levels (k,): residual (k, n), NaN where it failed, ``Gamma`` (k, n, n),
+        and which have taken all steps along their rods that they may, (k,)."""
+        ...
+
+    def points(self, places: IntArray) -> Points:
+        """All that the last integration said of some of its instances."""
+        ...
+
+
+class _Corrections:
+    """What came of Newton's method of many.
+
+    Attributes:
+        found: Points of those that came to an equilibrium, each with its number among them.
+        contraction: Shape (k,); infinite of the others.
+        unknowns, gamma: Of those that did.
+        integrations: Shape (k,).
+        spent: Shape (k,).
+    """
+
+    def __init__(self, unknowns: FloatArray) -> None:
+        count, n = unknowns.shape
+        self.found: list[tuple[Points, int] | None] = [None] * count
+        self.contraction = np.full(count, np.inf)
+        self.unknowns, self.gamma = np.array(unknowns), np.zeros((count, n, n))
+        self.integrations, self.spent = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+
+    @property
+    def there(self) -> BoolArray:
+        return np.array([own is not None for own in self.found], dtype=bool)
+
+
+def correct(server: Server, asked: dict[int, Correct]) -> dict[int, Answer]:
+    """Newton's method from each."""
+    places, all_ = np.array(list(asked)), list(asked.values())
+    found = _correct(
+        server,
+        places,
+        np.array([one.unknowns for one in all_]),
+        np.array([one.level for one in all_]),
+        np.array([one.neutral for one in all_]),
+        np.array([one.tolerance for one in all_]),
+        np.array([one.left for one in all_]),
+    )
+    answers = {}
+    for i, place in enumerate(places.tolist()):
+        own, taken = found.found[i], int(found.integrations[i])
+        point = None if own is None else own[0].point(own[1])
+        answers[place] = Answer(point, taken, taken, bool(found.spent[i]), float(found.contraction[i]))
+    return answers
+
+
+def _correct(
+    server: Server,
+    places: IntArray,
+    unknowns: FloatArray,
+    level: FloatArray,
+    neutral: IntArray,
+    tolerance: FloatArray,
+    left: IntArray,
+) -> _Corrections:
+    """(7) Newton's method, without steps along ``neutral`` modes; the first axis of all is the instance."""
+    result, count = _Corrections(unknowns), len(places)
+    unknowns, on = np.array(unknowns), np.ones(count, dtype=bool)
+    contraction, size = np.zeros(count), np.full(count, np.inf)
+    for k in range(NEWTON_STEPS):
+        result.spent |= on & (result.integrations >= left)
+        on &= ~result.spent
+        now = np.flatnonzero(on)
+        if not len(now):
+            break
+        residual, gamma, over = server.evaluate(places[now], unknowns[now], level[now])
+        result.integrations[now] += 1
+        result.spent[now] = over
+        largest = np.abs(residual).max(axis=1)
+        sound = np.isfinite(largest) & np.isfinite(gamma).all(axis=(1, 2)) & ~over
+        # one step at least, as what is within the tolerance by chance tells the next step along the branch nothing
+        there = sound & (largest <= (tolerance[now] if k else POLISHED * tolerance[now]))
+        if there.any():
+            points = server.points(places[now[there]])
+            for row, i in enumerate(now[there].tolist()):
+                result.found[i] = points, row
+            result.contraction[now[there]] = contraction[now[there]]
+            result.unknowns[now[there]], result.gamma[now[there]] = unknowns[now[there]], gamma[there]
+        on[now[~sound | there]] = False
+        moves = sound & ~there
+        now, residual, gamma = now[moves], residual[moves], gamma[moves]
+        move = _least_steps(residual, gamma, neutral[now])
+        able = np.isfinite(move).all(axis=1)
+        before, size[now] = size[now], norms(move)
+        if k:
+            longer = size[now] > 1e-10 * norms(unknowns[now])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                contraction[now] = np.where(longer, np.fmax(contraction[now], size[now] / before), contraction[now])
+        able &= (contraction[now] <= CONTRACTION) | (neutral[now] != 0)
+        on[now[~able]] = False
+        unknowns[now[able]] += move[able]
+    return result
+
+
+def _least_steps(residual: FloatArray, gamma: FloatArray, neutral: IntArray) -> FloatArray:
+    """(7) Newton's steps without their parts along ``neutral`` modes, (k, n); NaN where another is singular."""
+    result = np.full_like(residual, np.nan)
+    for count in np.unique(neutral).tolist():
+        own = neutral == count
+        if count:
+            u, s, v = np.linalg.svd(gamma[own])
+            kept = s.shape[1] - count
+            with np.errstate(divide="ignore", invalid="ignore"):
+                along = (u[:, :, :kept].swapaxes(1, 2) @ residual[own, :, None])[..., 0] / s[:, :kept]
+                result[own] = (-v[:, :kept].swapaxes(1, 2) @ along[..., None])[..., 0]
+            continue
+        try:
+            result[own] = -np.linalg.solve(gamma[own], residual[own, :, None])[..., 0]
+        except np.linalg.LinAlgError:
+            for i in np.flatnonzero(own).tolist():
+                with suppress(np.linalg.LinAlgError):
+                    result[i] = -np.linalg.solve(gamma[i], residual[i])
+    return result
+
+
+def trace(server: Server, asked: dict[int, Trace]) -> dict[int, Answer]:
+    """Along the branch through each start: the last point on it, of level 1 if it leads there."""
+    places, all_ = np.array(list(asked)), list(asked.values())
+    walk = _Traces(server, places, all_)
+    while walk.goes_on():
+        walk.step()
+    answers = {}
+    for i, place in enumerate(places.tolist()):
+        own, taken = walk.at[i], int(walk.integrations[i])
+        point = own if isinstance(own, Point) else own[0].point(own[1])
+        answers[place] = Answer(point, taken, taken, bool(walk.spent[i]))
+    return answers
+
+
+class _Traces:
+    """Many on their way along branches, all of which take a step at a time.
+
+    Attributes:
+        at: The last point of each, or where it stands among those of a launch.
+        integrations: Shape (k,).
+        spent: Shape (k,).
+    """
+
+    def __init__(self, server: Server, places: IntArray, asked: Sequence[Trace]) -> None:
+        self.server, self.places = server, places
+        count, n = len(places), len(asked[0].start.unknowns)
+        self.neutral, self.left = (np.array([getattr(one, name) for one in asked]) for name in ("neutral", "left"))
+        self.most, self.tolerance = (np.array([getattr(one, name) for one in asked]) for name in ("most", "tolerance"))
+        self.safe, self.longest = (np.array([getattr(one, name) for one in asked]) for name in ("safe", "longest"))
+        self.at: list[Point | tuple[Points, int]] = [one.start for one in asked]
+        self.gamma = np.array([one.start.gamma for one in asked])
+        # the last three points, the last one first
+        self.unknowns, self.levels = np.zeros((count, 3, n)), np.zeros((count, 3))
+        self.unknowns[:, 0] = [one.start.unknowns for one in asked]
+        self.levels[:, 0] = [one.start.level for one in asked]
+        self.known = np.ones(count, dtype=np.intp)
+        self.steps = np.minimum(self._longest(np.arange(count), self.levels[:, 0]), [one.first for one in asked])
+        self.surprise, self.halved = np.full((count, n), np.nan), np.zeros(count, dtype=bool)
+        self.on, self.taken = np.ones(count, dtype=bool), np.zeros(count, dtype=np.intp)
+        self.integrations, self.spent = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+
+    def goes_on(self) -> bool:
+        """Whether some do."""
+        self.on &= (self.levels[:, 0] < 1) & (self.taken < self.most) & ~self.spent
+        return bool(self.on.any())
+
+    def step(self) -> None:
+        """A step of each."""
+        now = np.flatnonzero(self.on)
+        self.taken[now] += 1
+        last, unknowns = self.levels[now, 0], self.unknowns[now, 0]
+        goal = np.minimum(1.0, last + self.steps[now])
+        expected = self._extrapolated(now, goal)
+        left = self.left[now] - self.integrations[now]
+        found = _correct(self.server, self.places[now], expected, goal, self.neutral[now], self.tolerance[now], left)
+        self.integrations[now] += found.integrations
+        self.spent[now] = found.spent
+        same = found.there & (found.contraction <= CONTRACTION)
+        same[same] = all_alike(found.gamma[same], self.gamma[now[same]], self.neutral[now[same]])
+        good = same & ((self.known[now] < 2) | self._foreseen(now, found.unknowns, expected, unknowns))
+        for i in np.flatnonzero(good).tolist():
+            k, own = int(now[i]), found.found[i]
+            assert own is not None  # or it would not be good
+            growth = (0.5 * CONTRACTION / max(float(found.contraction[i]), 1e-6)) ** (1 / int(self.known[k]))
+            most = 1.0 if self.halved[k] else FASTER
+            self.steps[k] = (goal[i] - last[i]) * min(max(growth, 0.5), most)
+            self.at[k] = own
+        some, none = now[good], now[~good]
+        self.steps[some] = np.minimum(self.steps[some], self._longest(some, goal[good]))
+        self.unknowns[some, 1:], self.levels[some, 1:] = self.unknowns[some, :2], self.levels[some, :2]
+        self.unknowns[some, 0], self.levels[some, 0] = found.unknowns[good], goal[good]
+        self.known[some] = np.minimum(self.known[some] + 1, 3)
+        self.gamma[some] = found.gamma[good]
+        self.halved[some], self.surprise[some] = False, np.nan
+        self.surprise[none] = np.where(same[~good, None], found.unknowns[~good], np.nan)
+        self.steps[none], self.halved[none] = 0.5 * (goal - last)[~good], True
+        self.on[none[self.steps[none] < MIN_STEP]] = False
+
+    def _longest(self, some: IntArray, level: FloatArray) -> FloatArray:
+        return np.asarray(np.minimum(np.maximum(self.safe[some], GROWTH * level), self.longest[some]))
+
+    def _extrapolated(self, now: IntArray, level: FloatArray) -> FloatArray:
+        """Unknowns by the polynomials through the last points."""
+        result = np.zeros((len(now), self.unknowns.shape[2]))
+        for known in np.unique(self.known[now]).tolist():
+            own = self.known[now] == known
+            levels, unknowns, goal = self.levels[now[own]], self.unknowns[now[own]], level[own]
+            for i in range(known):
+                weight = np.ones(len(goal))
+                for k in range(known):
+                    if k != i:
+                        weight = weight * ((goal - levels[:, k]) / (levels[:, i] - levels[:, k]))
+                result[own] += weight[:, None] * unknowns[:, i]
+        return result
+
+    def _foreseen(self, now: IntArray, found: FloatArray, expected: FloatArray, last: FloatArray) -> BoolArray:
+        """Whether points lie where the extrapolation led, or half as far as that of twice the step, which did not."""
+        moved, size = norms(found - last), norms(found)
+        near = norms(found - expected) <= SURPRISE * moved + 1e-6 * (1 + size)
+        surprise = self.surprise[now]
+        with np.errstate(invalid="ignore"):
+            return near | (norms(found - 0.5 * (last + surprise)) <= 0.5 * SURPRISE * moved)
+
+
+def all_alike(gamma: FloatArray, before: FloatArray, neutral: IntArray) -> BoolArray:
+    """``same_branch`` without the modes that are neutral all along, so many of each, (k,)."""
+    result = np.zeros(len(gamma), dtype=bool)
+    for count in np.unique(neutral).tolist():
+        own = neutral == count
+        after, earlier = gamma[own], before[own]
+        if not count:
+            result[own] = same_branch(after, earlier)
+            continue
+        soft = np.linalg.svd(after, compute_uv=False)[:, -count] <= SOFT  # else another branch, which has not that symmetry
+        u, _, v = np.linalg.svd(earlier)
+        u, v = u[:, :, :-count].swapaxes(1, 2), v[:, :-count].swapaxes(1, 2)
+        result[own] = soft & same_branch(u @ after @ v, u @ earlier @ v)
+    return result
+
+
+def alike(gamma: FloatArray, before: FloatArray, neutral: int) -> bool:
+    """The same of two, (n, n)."""
+    return bool(all_alike(gamma[None], before[None], np.array([neutral]))[0])
+
+
+def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:
+    """(4) Where going down in energy leads from each point, after turning the tip by ``first``; None where it leads nowhere."""
+    places, all_ = np.array(list(asked)), list(asked.values())
+    count = len(places)
+    level, tolerance = np.array([one.point.level for one in all_]), np.array([one.tolerance for one in all_])
+    left = np.array([one.left for one in all_])
+    unknowns, facing = np.array([one.point.unknowns for one in all_]), np.array([one.slope.facing for one in all_])
+    step = np.array([one.slope.change(one.first) if one.first.any() else one.slope.step(RADIUS) for one in all_])
+    slopes: list[Slope | tuple[Slopes, int]] = [one.slope for one in all_]
+    radius, on = np.full(count, RADIUS), np.ones(count, dtype=bool)
+    integrations, spent = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+    there: list[Point | None] = [None] * count
+    for _ in range(DESCENT_STEPS):
+        spent |= on & (integrations >= left)
+        on &= ~spent
+        now = np.flatnonzero(on)
+        if not len(now):
+            break
+        _, _, over = server.evaluate(places[now], unknowns[now] + step[now], level[now])
+        integrations[now] += 1
+        spent[now] = over
+        on[now[over]] = False
+        points = server.points(places[now])
+        found, along = points.slopes, points.slopes.along
+        # beyond, the rod would snap though its tip were held: not in one long step
+        good = found.fit & (found.facing == facing[now])
+        shorter = now[~good & ~over]
+        radius[shorter] *= 0.5
+        on[shorter[radius[shorter] < SHORTEST]] = False
+        for i in shorter[on[shorter]].tolist():
+            before = slopes[i]
+            step[i] = (before if isinstance(before, Slope) else before[0].slope(before[1])).step(float(radius[i]))
+        with np.errstate(invalid="ignore"):
+            rests = good & ~over & (np.abs(points.residual).max(axis=1) <= tolerance[now]) & (found.values[:, 0] >= -SOFT)
+        for i in np.flatnonzero(rests).tolist():
+            there[now[i]] = points.point(i)
+        on[now[rests]] = False
+        rows = np.flatnonzero(good & ~over & ~rests)
+        some = now[rows]
+        unknowns[some] = points.unknowns[rows]
+        radius[some] = np.minimum(RADIUS, 1.5 * radius[some])
+        turn = (found.modes[rows] @ downhill(along[rows], found.values[rows], radius[some])[..., None])[..., 0]
+        step[some] = found.back[rows] + (found.ways[rows] @ turn[..., None])[..., 0]
+        for i, row in zip(some.tolist(), rows.tolist(), strict=True):
+            slopes[i] = found, row
+    return {
+        place: Answer(there[i], int(integrations[i]), int(integrations[i]), bool(spent[i]))
+        for i, place in enumerate(places.tolist())
+    }
