@@ -70,6 +70,50 @@ def test_by_the_default_settings_a_column_stands_up_to_near_its_load_and_buckles
         assert events[0].load_factor == pytest.approx(1 / load, rel=5e-7)  # steps end at 1e-7
 
 
+def test_just_beyond_its_load_a_blade_is_bent_as_the_elastica_says():
+    """What is bent so little leaves residuals within the tolerance whatever its amplitude: ``BRANCH_END`` up to 1e-5 beyond."""
+    robot = column(2.0)
+    beyond = 10.0 ** -np.arange(3, 9)
+    force = -CRITICAL * (1 + beyond[:, None]) * (0, 0, 1)
+    found = mr.solve(robot, robot.inputs(tip_force=force), solver=mr.Shooting(integrator=mr.RK4(200))).raise_if_failed()
+    assert [mr.Status(k).name for k in found.status] == ["BIFURCATED"] * 5 + ["CONVERGED"]
+    deflection = LENGTH * np.array([elastica(1 + part) for part in beyond[:5]])
+    # RK4(200) puts the load 6e-11 off, and that is half as much of the amplitude as of what the load is beyond
+    np.testing.assert_allclose(found.tip_position[:5, 0], deflection, rtol=5e-4)
+    np.testing.assert_allclose(found.tip_position[5], (0, 0, LENGTH), rtol=0, atol=1e-12)  # nearer than 2e-7 it is not told
+    twin = mr.solve(robot, robot.inputs(tip_force=force), solver=mr.Shooting(integrator=mr.RK4(200), side="negative"))
+    np.testing.assert_allclose(twin.tip_position, found.tip_position * (-1, -1, 1), rtol=0, atol=1e-8 * LENGTH)
+    # steps that are long move the load by up to 1e-4 where it is straight, by 1e-6 where it is bent: by them it is bent or not
+    mr.solve(robot, robot.inputs(tip_force=force)).raise_if_failed()
+
+
+def test_many_that_buckle_are_followed_in_hardly_more_launches_than_one(monkeypatch):
+    """And each as it is alone."""
+    from multirod.solvers.following.follow import _Together
+
+    evaluate, launches = _Together.evaluate, []
+
+    def counted(self, places, *others):
+        launches.append(len(places))
+        return evaluate(self, places, *others)
+
+    monkeypatch.setattr(_Together, "evaluate", counted)
+    robot = column(2.0)
+    force = -CRITICAL * np.linspace(1.05, 1.5, 30)[:, None] * (0, 0, 1)
+    alone, most = [], 0
+    for own in force:
+        launches.clear()
+        alone.append(mr.solve(robot, robot.inputs(tip_force=own), solver=PRECISE))
+        most = max(most, len(launches))
+    launches.clear()
+    together = mr.solve(robot, robot.inputs(tip_force=force), solver=PRECISE)
+    assert len(launches) < 2 * most
+    assert (together.integrations < 130).all()  # 171 by halving to where it buckles, and by extrapolating by the load beyond
+    np.testing.assert_array_equal(together.unknowns, [own.unknowns for own in alone])
+    np.testing.assert_array_equal(together.integrations, [own.integrations for own in alone])
+    assert [events[0].said for events in together.events] == [own.events[0].said for own in alone]
+
+
 def test_rods_that_are_straight_and_rods_that_are_not_are_followed_as_they_are_alone():
     """Straight ones at equal steps; of one batch."""
     bent = np.zeros((3, 3))

@@ -289,6 +289,17 @@ def test_the_witness_of_legs_tells_stable_from_unstable(stool):
     assert buckled.lowest() > 0
 
 
+def test_just_beyond_its_load_a_hinged_strip_is_bent_as_the_elastica_says():
+    """To the positive side, however little: a step too far as it left led to the other, and ``BRANCH_END`` up to 1e-6 beyond."""
+    robot = mr.HeldRod(STRIP, slide=(0, 0, 1), **HINGES)
+    beyond = 10.0 ** -np.arange(3, 8)
+    found = mr.solve(robot, robot.inputs(tip_force=-HINGED * (1 + beyond[:, None]) * (0, 0, 1))).raise_if_failed()
+    assert (found.status == mr.Status.BIFURCATED).all()
+    middle = found.rod(0, nodes=3).position[:, 1, 0]
+    # a sine of slope a at its ends, a^2 = 8 of what the load is beyond, but for as much of it; equal steps move the load by 1e-9
+    np.testing.assert_allclose(middle, np.sqrt(8 * beyond) * LENGTH / np.pi, rtol=1e-2)
+
+
 @pytest.mark.parametrize(("before", "meant"), [(0, True), (1, False)])
 def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(before, meant):
     """Rounding may tell one of them as unstable where the branch ends."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 P = TypeVar("P", bound="BoundaryProblem")
 
-STEPS = 96  # of a rod
+STEPS = 48  # of a rod
 PER_RADIAN = 20  # by which it is bent at rest
 MOST_STEPS = 1024
 

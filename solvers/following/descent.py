@@ -158,6 +158,10 @@ class Slope:
             (np.abs(self.modes.T @ found.gradient / self.stiffness - foretold) / np.maximum(np.abs(self.values), 1)).max()
         )
 
+    def rises(self, turn: FloatArray, found: "Slope") -> bool:
+        """Whether a turn in each mode, or part of it, led beyond where the energy is least that way, and up again by as much."""
+        return bool(turn @ (self.modes.T @ (self.gradient + found.gradient)) > 0)
+
     def change(self, turn: FloatArray) -> FloatArray:
         """Change of the unknowns [1/m] that turns the tip so [rad], shape (n,)."""
         return np.asarray(self.ways @ turn)

@@ -14,7 +14,6 @@ from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
 from multirod.solvers.following.many import alike
 from multirod.solvers.following.requests import Clamp, Descend, Run, Settle
 from multirod.solvers.following.walk import Walk
-from multirod.stability import Modes
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -22,7 +21,10 @@ LEFT = 0.05  # of the rest of the way, where that leads nowhere: what is put tog
 DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
 FAR_BEYOND = 1e-2  # as OVERSHOOT, of damped dynamics, which leave what is hardly unstable slowly
 SETTLING = 400  # integrations in which they are to rest
-AT_END = 2e-6  # of K/L: at the end of the way a mode as unstable decides
+AT_END = 6e-8  # of K/L: at the end of the way a mode as unstable decides
+SLIGHT = 1e-4  # of K/L: what leaves a mode no more unstable bends so little that residuals hardly tell by how much
+TELLING = 1e-3  # of the moments that bend it, in K/L the 3/2 power of how unstable it was: those that do
+SAME_SIZE = 0.5  # of how far it left, by which other equations may put it elsewhere
 LEAST_LEFT = 1e-5  # of the way: the end may be as near to the branch as its own critical point
 CLEAR = 3e-3  # of K/L: as unstable it is wanted where no moment drives it, before the end of the way
 NEAR = 5.0  # turn to a branch that leaves, over the root of how unstable the other is: 2.6 of a column [rad]
@@ -87,7 +89,8 @@ class Journey(Walk):
             landed, event, neutral = landed
             if event is not None:
                 self.events.append(event)
-            point = yield from self._along(landed, neutral)
+            leaves = event is not None and event.status is Status.BIFURCATED and not event.fold
+            point = yield from self._along(landed, neutral, point if leaves else None)
             if 1 - LAST < point.level < 1:
                 point, neutral = yield from self._released(point, neutral)
             if point.level < 1 and np.linalg.svd(point.gamma, compute_uv=False)[-1] > self.singular:
@@ -154,6 +157,9 @@ class Journey(Walk):
         assert self.end is not None  # or there is nothing to be polished
         end, self.end = self.end, None
         try:
+            if self.slight:
+                yield from self._polish_slight(end)
+                return
             found, _ = yield from self._correct(end.unknowns, 1.0, self.neutral)
             if found is None:
                 self.status = Status.BRANCH_END
@@ -164,6 +170,26 @@ class Journey(Walk):
                 self.end = found
         except Spent:
             self.status = Status.INTEGRATION_LIMIT
+
+    def _polish_slight(self, end: Point) -> Run:
+        """The same of what has just left a branch: where the equations that were asked for put its bifurcation elsewhere, by more
+        than it is beyond it, it is on that branch by them."""
+        critical = self.left
+        assert critical is not None  # or it has not
+        if (yield from self._at(end.unknowns, 1.0)).size <= self.tolerance:
+            self.end = end
+            return
+        found, _ = yield from self._correct(end.unknowns, 1.0, 0, any_contraction=True)
+        unbent = critical.unknowns[: len(end.unknowns)]
+        size = np.linalg.norm(end.unknowns - unbent)
+        if found is None or np.linalg.norm(found.unknowns - end.unknowns) > SAME_SIZE * size:
+            self.events.pop()
+            self.status = self.said
+            found, _ = yield from self._correct(unbent, 1.0, 0, any_contraction=True)
+        if found is None or (yield from self._judge(found)).modes.index[0] > 0:
+            self.status = Status.BRANCH_END
+        else:
+            self.end = found
 
     def _was_stable(self, critical: Point, neutral: int) -> Run:
         """Whether no mode is unstable where one vanishes; or a little before, where of several that vanish together one may have
@@ -180,8 +206,9 @@ class Journey(Walk):
 
     def _rests(self, point: Point, neutral: int) -> Run:
         """Whether a point is stable but for modes that symmetry leaves neutral."""
-        judgement = yield from self._judge(point)
-        return _stable(judgement.modes, neutral)
+        modes = (yield from self._judge(point)).modes
+        stands = bool(modes.known[0] and modes.index[0] == 0 and not modes.diverging[0])
+        return stands and (self.slight or int(modes._soft[0].sum()) == neutral)
 
     # ---- leaving a branch ----
 
@@ -209,18 +236,22 @@ class Journey(Walk):
             return None
         slope = self._slope(beyond)
         first, fold = self._way_out(slope, beyond, critical)
+        slight = first.any() and beyond.level == 1 and slope.lowest > -SLIGHT
+        self.left, self.within = (critical if slight else None), self.tolerance
+        if slight:
+            telling = TELLING * abs(slope.values[0]) ** 1.5 * slope.stiffness / beyond.unit.max()
+            self.within = min(self.tolerance, float(telling))
         landed = yield from self._descend(beyond, slope, first)
         if landed is None:
             return None
-        rest, neutral = landed, self._slope(landed).neutral
+        rest, neutral = landed, 0 if self.slight else self._slope(landed).neutral
         if len(landed.unknowns) > len(self.start):
             neutral = neutral if self.has_tip else 0  # of a held rod Gamma is made to hold what symmetry leaves neutral
             own = landed.unknowns[: len(self.start)] if landed.settled is None else landed.settled
             rest, _ = yield from self._correct(own, landed.level, neutral)
             if rest is None:
                 return None
-        there = yield from self._judge(rest)
-        if not _stable(there.modes, neutral) or (neutral and (yield from self._by_symmetry(rest)) != neutral):
+        if not (yield from self._rests(rest, neutral)) or (neutral and (yield from self._by_symmetry(rest)) != neutral):
             return None
         status = yield from self._kind(critical, beyond, landed, first)
         if status is None:
@@ -262,7 +293,7 @@ class Journey(Walk):
         if _held(self._slope(beyond)) and turn < 2 * MERGED:
             return None
         before, after = (self._slope(point).neutral for point in (critical, landed))
-        if before == after > 0 and turn < 2 * KICK:
+        if before == after > 0 and turn < 2 * KICK and not self.slight:
             return None  # pushed along what is neutral on all of the branch
         if turn > FAR:
             return Status.SNAPPED
@@ -327,26 +358,28 @@ class Journey(Walk):
         if slope.clamps:
             landed = yield from self._descend_clamped(point, slope, first)
             return landed
-        return (yield from self._ask(Descend(point, slope, first, self.tolerance, self._left))).point
+        return (yield from self._ask(Descend(point, slope, first, self.within, self._left))).point
 
     def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """The same by the turns of clamps: in steps that (9) says are short enough, as ends that are held bend the way."""
         radius, share, turn = RADIUS, 1.0, slope.modes.T @ first if first.any() else slope.turn(RADIUS)
-        for _ in range(CLAMPED_STEPS):
+        for k in range(CLAMPED_STEPS):
             step = share * (slope.back + slope.change(slope.modes @ turn))
             trial = yield from self._at(point.unknowns + step, point.level)
             self.iterations += 1
             found, longest = self._slope_or_none(trial), share * float(np.abs(turn).max())
             off = np.inf if found is None or found.facing != slope.facing else slope.missed(share * turn, found)
             allowed = max(MISSED * longest, OFF * max(1.0, slope.drive))
-            if not off <= allowed:
+            kicked = k > 0 and bool(first.any())
+            rises = kicked and found is not None and slope.rises(turn, found)
+            if not off <= allowed or rises:
                 share *= 0.5
                 if share < SHORTEST_CLAMPED:
                     return None
                 continue
             assert found is not None  # or it would be infinitely far off
             point, slope = trial, found
-            if point.size <= self.tolerance and slope.values[0] >= -SOFT:
+            if point.size <= self.within and slope.values[0] >= -SOFT:
                 return point
             radius = min(RADIUS_CLAMPED, share * radius * (2 if off < 0.5 * allowed else 1))
             share, turn = 1.0, slope.turn(radius)
@@ -356,12 +389,6 @@ class Journey(Walk):
 def _held(slope: Slope) -> bool:
     """Whether a stable equilibrium is beside a point: one on which branches merge."""
     return bool(slope.values[0] > DECIDED and np.abs(slope.along).max() < MERGED * slope.values[0])
-
-
-def _stable(modes: Modes, neutral: int) -> bool:
-    """Whether nothing is unstable, and no more modes neutral than symmetry leaves so."""
-    soft = int(modes._soft[0].sum())
-    return bool(modes.known[0] and modes.index[0] == 0 and not modes.diverging[0] and soft == neutral)
 
 
 def _turn(before: FloatArray, after: FloatArray) -> float:

@@ -22,6 +22,7 @@ NEWTON_STEPS = 8
 POLISHED = 1e-3  # of the tolerance: what needs no step
 GROWTH = 0.5  # of the way, that the next step may be
 FASTER = 3.0
+NEARER = 0.7  # of the way to where a mode vanishes, that a step goes at most: to the fourth part of Gamma and no further
 DESCENT_STEPS = 150
 SHORTEST = 1e-3  # turn of the tip by a step, that is not halved again [rad]
 
@@ -73,6 +74,7 @@ def correct(server: Server, asked: dict[int, Correct]) -> dict[int, Answer]:
         np.array([one.neutral for one in all_]),
         np.array([one.tolerance for one in all_]),
         np.array([one.left for one in all_]),
+        np.array([one.any_contraction for one in all_]),
     )
     answers = {}
     for i, place in enumerate(places.tolist()):
@@ -90,11 +92,13 @@ def _correct(
     neutral: IntArray,
     tolerance: FloatArray,
     left: IntArray,
+    any_contraction: BoolArray | bool = False,
 ) -> _Corrections:
     """(7) Newton's method, without steps along ``neutral`` modes; the first axis of all is the instance."""
     result, count = _Corrections(unknowns), len(places)
     unknowns, on = np.array(unknowns), np.ones(count, dtype=bool)
     contraction, size = np.zeros(count), np.full(count, np.inf)
+    slow = (neutral != 0) | any_contraction
     for k in range(NEWTON_STEPS):
         result.spent |= on & (result.integrations >= left)
         on &= ~result.spent
@@ -124,7 +128,7 @@ def _correct(
             longer = size[now] > 1e-10 * norms(unknowns[now])
             with np.errstate(divide="ignore", invalid="ignore"):
                 contraction[now] = np.where(longer, np.fmax(contraction[now], size[now] / before), contraction[now])
-        able &= (contraction[now] <= CONTRACTION) | (neutral[now] != 0)
+        able &= (contraction[now] <= CONTRACTION) | slow[now]
         on[now[~able]] = False
         unknowns[now[able]] += move[able]
     return result
@@ -187,6 +191,11 @@ class _Traces:
         self.unknowns[:, 0] = [one.start.unknowns for one in asked]
         self.levels[:, 0] = [one.start.level for one in asked]
         self.known = np.ones(count, dtype=np.intp)
+        self.origins = np.full(count, np.nan)
+        for k, one in enumerate(asked):
+            if one.origin is not None:
+                self.unknowns[k, 1], self.levels[k, 1], self.known[k] = one.origin.unknowns, one.origin.level, 2
+                self.origins[k] = one.origin.level
         self.steps = np.minimum(self._longest(np.arange(count), self.levels[:, 0]), [one.first for one in asked])
         self.surprise, self.halved = np.full((count, n), np.nan), np.zeros(count, dtype=bool)
         self.on, self.taken = np.ones(count, dtype=bool), np.zeros(count, dtype=np.intp)
@@ -220,29 +229,47 @@ class _Traces:
             self.at[k] = own
         some, none = now[good], now[~good]
         self.steps[some] = np.minimum(self.steps[some], self._longest(some, goal[good]))
+        self.steps[none] = 0.5 * (goal - last)[~good]
+        rest = self._rest(now, found, good, goal - last)
+        self.steps[now] = np.minimum(self.steps[now], NEARER * rest)
         self.unknowns[some, 1:], self.levels[some, 1:] = self.unknowns[some, :2], self.levels[some, :2]
         self.unknowns[some, 0], self.levels[some, 0] = found.unknowns[good], goal[good]
         self.known[some] = np.minimum(self.known[some] + 1, 3)
         self.gamma[some] = found.gamma[good]
         self.halved[some], self.surprise[some] = False, np.nan
         self.surprise[none] = np.where(same[~good, None], found.unknowns[~good], np.nan)
-        self.steps[none], self.halved[none] = 0.5 * (goal - last)[~good], True
-        self.on[none[self.steps[none] < MIN_STEP]] = False
+        self.halved[none] = True
+        self.on[now[(self.steps[now] < MIN_STEP) & (~good | np.isfinite(rest))]] = False
+
+    def _rest(self, now: IntArray, found: _Corrections, good: BoolArray, step: FloatArray) -> FloatArray:
+        """How far from where each stands now ``det Gamma`` would vanish, by its last change; infinite where it would not."""
+        before, after = np.linalg.det(self.gamma[now]), np.linalg.det(found.gamma)
+        told = found.there & (found.contraction <= CONTRACTION) & (self.neutral[now] == 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rest = step * before / (before - after) - np.where(good, step, 0.0)
+        return np.where(told & (rest > 0), rest, np.inf)
 
     def _longest(self, some: IntArray, level: FloatArray) -> FloatArray:
         return np.asarray(np.minimum(np.maximum(self.safe[some], GROWTH * level), self.longest[some]))
 
+    def _way(self, now: IntArray, level: FloatArray) -> FloatArray:
+        """(12) By what unknowns change evenly: the level, or its root from where the branch left another; as ``level``."""
+        origin = self.origins[now].reshape(-1, *([1] * (level.ndim - 1)))
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isnan(origin), level, np.sqrt(np.maximum(level - origin, 0.0)))
+
     def _extrapolated(self, now: IntArray, level: FloatArray) -> FloatArray:
         """Unknowns by the polynomials through the last points."""
         result = np.zeros((len(now), self.unknowns.shape[2]))
+        ways, goals = self._way(now, self.levels[now]), self._way(now, level)
         for known in np.unique(self.known[now]).tolist():
             own = self.known[now] == known
-            levels, unknowns, goal = self.levels[now[own]], self.unknowns[now[own]], level[own]
+            way, unknowns, goal = ways[own], self.unknowns[now[own]], goals[own]
             for i in range(known):
                 weight = np.ones(len(goal))
                 for k in range(known):
                     if k != i:
-                        weight = weight * ((goal - levels[:, k]) / (levels[:, i] - levels[:, k]))
+                        weight = weight * ((goal - way[:, k]) / (way[:, i] - way[:, k]))
                 result[own] += weight[:, None] * unknowns[:, i]
         return result
 

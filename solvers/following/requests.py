@@ -64,6 +64,7 @@ class Correct:
         neutral: Modes along which no step goes.
         tolerance: Largest residual [1/m].
         left: Integrations that it may take.
+        any_contraction: Whether steps may become shorter slowly.
     """
 
     unknowns: FloatArray
@@ -71,6 +72,7 @@ class Correct:
     neutral: int
     tolerance: float
     left: int
+    any_contraction: bool = False
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,7 @@ class Trace:
         safe: A step that is short enough wherever it starts.
         longest: No step is longer.
         most: Steps allowed.
+        origin: The point of bifurcation from which it leaves another branch, if it does.
     """
 
     start: Point
@@ -96,6 +99,7 @@ class Trace:
     safe: float
     longest: float
     most: int
+    origin: Point | None = None
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,8 @@ class Walk:
     status: Status = Status.BRANCH_END
     end: Point | None = None
     neutral: int = 0
+    left: Point | None = None  # where it has just left a branch, at the end of the way
+    within: float = 0.0  # largest residual where a descent ends [1/m]
     lost: Point | None = None  # where rounding hides how it goes on
 
     def __post_init__(self) -> None:
@@ -100,6 +102,11 @@ class Walk:
     @property
     def _left(self) -> int:
         return self.allowed - self.integrations
+
+    @property
+    def slight(self) -> bool:
+        """Whether it has just left a branch at the end of the way, and is bent so little that residuals hardly tell."""
+        return self.left is not None
 
     def _stands(self, point: Point) -> Run:
         """Whether no mode is unstable."""
@@ -139,11 +146,10 @@ class Walk:
         turned = point.turned[: len(point.forces)] @ (found.unknowns - point.unknowns)
         return bool(abs(mode @ turned) >= 0.5 * turn)
 
-    def _along(self, start: Point, neutral: int) -> Run:
-        """The last point on the branch through one, of level 1 if it leads there."""
-        first = self._overshoot(start)
-        ways = first, self.safe_step, self.most_step, self.max_steps
-        return (yield from self._ask(Trace(start, neutral, self.tolerance, self._left, *ways))).point
+    def _along(self, start: Point, neutral: int, origin: Point | None = None) -> Run:
+        """The last point on the branch through one, of level 1 if it leads there; ``origin`` is where it left another."""
+        ways = self._overshoot(start), self.safe_step, self.most_step, self.max_steps
+        return (yield from self._ask(Trace(start, neutral, self.tolerance, self._left, *ways, origin))).point
 
     def _released(self, point: Point, neutral: int) -> Run:
         """The end of the way from a point next to it, where symmetry leaves modes neutral there that rounded kinks held until
@@ -162,7 +168,7 @@ class Walk:
     def _overshoot(self, point: Point) -> float:
         return OVERSHOOT if self.by_inputs else OVERSHOOT * max(point.level, OVERSHOOT)
 
-    def _correct(self, unknowns: FloatArray, level: float, neutral: int) -> Run:
+    def _correct(self, unknowns: FloatArray, level: float, neutral: int, *, any_contraction: bool = False) -> Run:
         """(7) Newton's method, without steps along ``neutral`` modes: the point, None where it fails, and its contraction."""
-        answer = yield from self._ask(Correct(unknowns, level, neutral, self.tolerance, self._left))
+        answer = yield from self._ask(Correct(unknowns, level, neutral, self.tolerance, self._left, any_contraction))
         return answer.point, answer.contraction
