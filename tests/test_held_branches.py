@@ -298,6 +298,13 @@ def test_just_beyond_its_load_a_hinged_strip_is_bent_as_the_elastica_says():
     middle = found.rod(0, nodes=3).position[:, 1, 0]
     # a sine of slope a at its ends, a^2 = 8 of what the load is beyond, but for as much of it; equal steps move the load by 1e-9
     np.testing.assert_allclose(middle, np.sqrt(8 * beyond) * LENGTH / np.pi, rtol=1e-2)
+    press = robot.inputs(tip_force=(0, 0, -1.1 * HINGED))
+    for side, sign in (("positive", 1), ("negative", -1)):
+        one = mr.solve(robot, press, solver=mr.Shooting(side=side))
+        assert sign * one.rod(0, nodes=3).position[1, 0] > 0.05 * LENGTH
+        (event,) = one.events
+        np.testing.assert_allclose(event.rod_displacement, (sign, 0, 0), rtol=0, atol=1e-6)
+        assert event.said.endswith(f"rod along ({sign:.3f}, 0.000, 0.000), its twin against it")
 
 
 @pytest.mark.parametrize(("before", "meant"), [(0, True), (1, False)])
@@ -327,6 +334,43 @@ def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(b
 
 
 ROUND = mr.Rod(length=0.2, bending_stiffness=EI, torsional_stiffness=0.75 * EI)
+
+
+def hinges(base, end):
+    """A round rod on hinges at its ends about these axes; None is a clamp."""
+    about = {"base_joint": base, "joint": end}
+    axes = {f"{name}_axis": axis for name, axis in about.items() if axis is not None}
+    return mr.HeldRod(ROUND, **{name: "revolute" for name, axis in about.items() if axis is not None}, **axes)
+
+
+@pytest.mark.parametrize(
+    ("base", "end", "ways"),
+    [((0, 1, 0), (0, 1, 0), [0]), ((1, 0, 0), (1, 0, 0), [1]), (None, (0, 1, 0), [0]), ((0, 1, 0), None, [0]),
+     ((0, 1, 0), (1, 0, 0), [0, 1])],
+    ids=["about y", "about x", "at its end", "at its base", "crossed"],
+)  # fmt: skip
+def test_a_round_rod_on_hinges_goes_to_the_side_that_is_asked_for_or_where_a_load_takes_it(base, end, ways):
+    """Across its hinge; between two that cross, half way. It bent about the positive axis, whatever was asked for."""
+    robot = hinges(base, end)
+    pushed = [0.01, 0.02]
+    both = {}
+    for side in ("positive", "negative"):
+        found = mr.solve(robot, robot.inputs(translation=pushed), solver=mr.Shooting(side=side)).raise_if_failed()
+        assert (found.stability == mr.Stability.STABLE).all()
+        both[side] = found.rod(0, nodes=3).position[:, 1]
+    assert (both["positive"][:, ways[0]] > 0.01).all()
+    np.testing.assert_allclose(both["negative"], both["positive"] * (-1, -1, 1), rtol=0, atol=1e-9)
+    still = [k for k in (0, 1) if k not in ways]
+    np.testing.assert_allclose(both["positive"][:, still], 0, rtol=0, atol=1e-9)
+    if len(ways) > 1:
+        return
+    for size in (1e-6, 1e-2):
+        load = size * np.array([1.0, -1.0])[:, None] * np.eye(3)[ways[0]]
+        for side in ("positive", "negative"):
+            found = mr.solve(robot, robot.inputs(translation=0.02, distributed_force=load), solver=mr.Shooting(side=side))
+            middle = found.raise_if_failed().rod(0, nodes=3).position[:, 1, ways[0]]
+            assert middle[0] > 0.01
+            assert middle[1] < -0.01
 
 
 def upright(length):

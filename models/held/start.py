@@ -27,8 +27,9 @@ REGULAR = 1e-7  # smallest singular value of Gamma at rest, from which the path 
 SINGULAR = 1e-12  # the same, to rounding
 # of its length, what a rod is shortened by that begins buckled: from where on it is, the least where its end is turned, the most
 BUCKLED, TURNED, MOST = 1e-6, 0.05, 0.3
-WEIGHED, WEIGHING = 0.1, 3  # load in EI/L^2 by which both sides are weighed, and integrations of each
-NOTED = 1e-7  # of EI/L: the least difference between their energies that is no rounding
+WEIGHED, AT_MOST = 0.1, 0.5  # load in EI/L^2 by which both sides are weighed, and the part of its own that it is at most
+WEIGHING = 3  # integrations of each
+NOTED = 1e-11  # of EI/L: the least difference between their energies that is no rounding: integration errs alike in mirror images
 FIRST = 0.1  # part of a direction, that its first of x, y, z is at least, which tells its sign
 STIFF, FAR = 2e-3, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
 ALONG = 0.99  # cosine of the angle between axes that are taken for one
@@ -159,9 +160,9 @@ def _lower(
     the end where it is, which must differ by more than rounding."""
     twin = np.where(weighed[:, None], start.twin, x)
     twin = _settled(problem, twin, *problem.evaluate(twin), weighed)[0]
-    level = WEIGHED / np.maximum(problem.load_scale(), WEIGHED)
+    level = np.minimum(WEIGHED / np.maximum(problem.load_scale(), WEIGHED), AT_MOST)
     standing = problem.table.rest_position.numpy()
-    problem.table.rest_position.assign((standing - level[:, None] * problem.goal()[0]) / np.maximum(1 - level, NOTED)[:, None])
+    problem.table.rest_position.assign((standing - level[:, None] * problem.goal()[0]) / (1 - level)[:, None])
     energies = []
     with problem.at_load(level):
         for own in (x, twin):
@@ -221,11 +222,15 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     stiffness = problem.rod.each(problem.rod.arrays.material[:, 0, 0, :2])
     soft = stiffness.min(axis=1)[:, None]
     softer = np.where(stiffness[:, :1] < stiffness[:, 1:], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    uneven, hinge = stiffness[:, :1] != stiffness[:, 1:], _hinge(problem)
+    if hinge is not None:
+        softer = np.where(uneven, softer, hinge)
     turned, neutral = size > ACROSS, problem.goal_is_neutral()[:, None]
-    axis = np.where(turned, across / np.maximum(size, ACROSS), -softer)
+    sign = np.where(loaded(problem), 1, problem.side)[:, None]
+    axis = np.where(turned, across / np.maximum(size, ACROSS), -sign * softer)
     direct = neutral & (size > ANGLE)
     # of a strip that begins aside of the plane in which it buckles, the path ends in an unstable state
-    buckles = (neutral & ~direct) | (stiffness[:, :1] != stiffness[:, 1:])
+    buckles = (neutral & ~direct) | uneven | (hinge is not None)
     base = np.broadcast_to(problem.rod.table.base_position.numpy(), axis.shape)
     short = 1 - np.linalg.norm(problem.goal()[0] - base, axis=1)[:, None] / length
     short = np.clip(short, np.where(turned & ~neutral, TURNED, 0.0), MOST)
@@ -241,6 +246,18 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     end = base + (1 - short) * length * problem.base_frame[:, :, 2]
     begins = (buckles & (short > BUCKLED))[:, 0]
     return Start(result + bent[0], direct[:, 0], begins, result + bent[1], begins & ~told[:, 0], end)
+
+
+def _hinge(problem: "HeldProblem") -> FloatArray | None:
+    """The axis across a straight rod, (3,), about which a round one buckles first, as it turns about it at one end or both; None
+    where there is none, or two that differ."""
+    holders = problem.holders
+    joints = ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))
+    axes = [axis for kind, axis in joints if kind == REVOLUTE and abs(axis[2]) < 1 - ALONG]
+    if not axes or (len(axes) == 2 and abs(axes[0] @ axes[1]) < ALONG):
+        return None
+    across = axes[0] * [1.0, 1.0, 0.0]
+    return np.asarray(across / np.linalg.norm(across))
 
 
 def _to_side(problem: "HeldProblem", axis: FloatArray) -> FloatArray:

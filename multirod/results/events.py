@@ -1,7 +1,7 @@
 """What happened to a robot on its way: where its branch of equilibria ended, and where it went."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,8 @@ class BranchEvent:
             0 at a bifurcation.
         tip_displacement: Of the end effector, from the one to the other, in the world [m], shape (3,); at a bifurcation, the
             unit vector along which it begins to move, (5) of ``docs/branches.md``; zero if that is held.
+        rod_displacement: At a bifurcation where that is held, the unit vector in the world along which the place of a rod that
+            moves the most begins to move, shape (3,); else zero. The twin, ``Shooting(side=...)``, goes the other way.
         neutral: Modes that symmetry leaves neutral where it came to: it might stand anywhere along these.
     """
 
@@ -37,9 +39,11 @@ class BranchEvent:
     tip_displacement: FloatArray
     neutral: int = 0
     time: float = np.nan
+    rod_displacement: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "tip_displacement", frozen(np.asarray(self.tip_displacement)))
+        for name in ("tip_displacement", "rod_displacement"):
+            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name))))
 
     def __repr__(self) -> str:
         return f"BranchEvent({self.said})"
@@ -51,11 +55,17 @@ class BranchEvent:
         if not np.isnan(self.progress):
             where = f"{self.progress:.3g} of the way" if np.isnan(self.time) else f"{self.time:.6g} s"
         what = f"{self.status.name} at a {'fold' if self.fold else 'bifurcation'}, {where}"
-        if self.status is Status.BIFURCATED and not self.tip_displacement.any():
-            return what
         if self.status is Status.BIFURCATED:
-            return f"{what}, tip along ({', '.join(f'{x:.3f}' for x in self.tip_displacement + 0.0)})"
+            if self.tip_displacement.any():
+                return f"{what}, tip along {_components(self.tip_displacement)}"
+            if self.rod_displacement.any():
+                return f"{what}, rod along {_components(self.rod_displacement)}, its twin against it"
+            return what
         return f"{what}, {self.energy_lost:.3g} J lost, tip moved {np.linalg.norm(self.tip_displacement):.3g} m"
+
+
+def _components(direction: FloatArray) -> str:
+    return f"({', '.join(f'{x:.3f}' for x in np.round(direction, 3) + 0.0)})"
 
 
 Events = dict[int, tuple[BranchEvent, ...]]
@@ -86,7 +96,7 @@ def timed_events(events: Events, time: FloatArray, failed: NDArray[np.bool_]) ->
 def joined_events(events: Events) -> dict[str, NDArray[Any]]:
     """Events of all instances as arrays, one after another."""
     every = [(instance, event) for instance, own in events.items() for event in own]
-    names = [field.name for field in fields(BranchEvent)]
+    names = [own.name for own in fields(BranchEvent)]
     columns = {name: np.array([getattr(event, name) for _, event in every]) for name in names}
     return {"instances": np.array([instance for instance, _ in every]), **columns}
 
@@ -100,6 +110,7 @@ def separate_events(joined: Mapping[str, NDArray[Any]]) -> Events:
             fold=bool(joined["fold"][k]),
             neutral=int(joined["neutral"][k]),
             tip_displacement=joined["tip_displacement"][k],
+            rod_displacement=joined["rod_displacement"][k] if "rod_displacement" in joined else np.zeros(3),
             **{name: float(joined[name][k]) for name in ("load_factor", "progress", "energy_lost", "time")},
         )
         result[instance] = (*result.get(instance, ()), event)

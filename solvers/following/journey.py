@@ -256,13 +256,15 @@ class Journey(Walk):
         status = yield from self._kind(critical, beyond, landed, first)
         if status is None:
             return rest, None, neutral
-        lost, displacement = 0.0, landed.position - critical.position
+        lost, displacement, aside = 0.0, landed.position - critical.position, np.zeros(3)
         if status is Status.SNAPPED:
             lost, displacement = yield from self._lost(critical, beyond, rest, neutral)
         elif first.any():
             moves = beyond.moved @ slope.change(first)
-            still = np.linalg.norm(moves[-1]) < STILL * np.linalg.norm(moves, axis=1).max()
-            displacement = 0.0 * moves[-1] if still else moves[-1]
+            sizes = np.linalg.norm(moves, axis=1)
+            displacement = moves[-1]
+            if sizes[-1] < STILL * sizes.max():
+                displacement, aside = 0.0 * moves[-1], moves[int(sizes.argmax())] / sizes.max()
         if status is Status.BIFURCATED:
             displacement = displacement / max(float(np.linalg.norm(displacement)), 1e-300)
         event = BranchEvent(
@@ -272,6 +274,7 @@ class Journey(Walk):
             progress=critical.level if self.by_inputs else np.nan,
             energy_lost=lost,
             tip_displacement=displacement,
+            rod_displacement=aside,
             neutral=neutral,
         )
         return rest, event, neutral
