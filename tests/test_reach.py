@@ -143,6 +143,37 @@ def test_where_a_limit_holds_every_way_that_it_leaves_leads_away(start):
             assert slope @ d >= -1e-6 * np.abs(slope).max() * np.abs(d).max()
 
 
+def controlled(start, target, limits, samples=30):
+    """How far off a controller ends that goes there in so many samples, and rests as many, by a solve of its own [m]."""
+    loop = mr.Controller(TUBES, dt=1.0, free=FREE, limits=limits, guess=start, integrator=SOLVER.integrator)
+    for k in range(2 * samples):
+        command = loop.step(position=start.tip_position + min(1.0, (k + 1) / samples) * (target - start.tip_position))
+    there = mr.solve(TUBES, command.inputs, guess=command, solver=SOLVER).raise_if_failed()
+    return np.linalg.norm(there.tip_position - target)
+
+
+@pytest.mark.parametrize(
+    ("push", "turn", "way"),
+    [
+        (0.0130, 0.254, (-0.0146, -0.0329, -0.0262)),
+        (0.0034, 0.520, (-0.0027, -0.0298, 0.0191)),
+        (0.0154, 0.347, (0.0282, -0.0226, -0.0148)),
+        (0.0074, 0.589, (0.0353, -0.0127, -0.0051)),
+        (0.0148, 0.491, (0.0342, -0.0280, 0.0101)),
+    ],
+)
+def test_within_tight_limits_it_ends_no_farther_off_than_a_controller(start, push, turn, way):
+    """Full steps of Gauss and Newton swing from corner to corner here: a tenth to a third farther off."""
+    bases, angles = start.inputs.translation, start.inputs.rotation
+    ranges = {"translation": (bases - push, np.minimum(bases + push, 0)), "rotation": (angles - turn, angles + turn)}
+    limits, target = mr.Limits(**ranges, gap=2e-3), start.tip_position + way
+    found = mr.reach(TUBES, mr.Pose(position=target), free=FREE, limits=limits, guess=start, solver=SOLVER)
+    assert found.status is mr.Status.AT_LIMIT
+    assert found.at_limit.any()
+    assert float(found.target_error) < controlled(start, target, limits)
+    assert float(found.residual) <= 1e-9
+
+
 def test_a_target_out_of_reach_and_a_singular_one_say_so(start, wire):
     far = mr.reach(TUBES, mr.Pose(position=(0, 0, 2.0)), free=("rotation",), guess=start, solver=SOLVER)
     assert far.status is mr.Status.UNREACHABLE
@@ -287,6 +318,20 @@ def test_limits_of_the_shape_are_kept_where_others_hold_too(start):
     beyond = mr.reach(TUBES, out, free=FREE, limits=limits, guess=start, solver=SOLVER)
     assert beyond.status is mr.Status.OUT_OF_LIMITS
     assert np.isnan(beyond.tip_position).all()
+
+
+def test_it_goes_along_limits_of_the_shape(start):
+    """Straight ways lead beyond them here, others do not."""
+    limits = mr.Limits(translation=(-0.19, 0), gap=2e-3, stability_margin=0.97 * float(start.stability_margin))
+    ways = np.array([(-0.0193, 0.0125, 0.0165), (0.0143, -0.0187, 0.0092), (0.0046, -0.0047, 0.0199), (0.0092, -0.0094, 0.0398)])
+    target = start.tip_position + ways
+    plain = mr.reach(TUBES, mr.Pose(position=target), free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
+    assert (plain.status == mr.Status.REACHED).all()
+    assert (plain.stability_margin < limits.stability_margin).all(), "no limit is in the way"
+    found = mr.reach(TUBES, mr.Pose(position=target), free=FREE, limits=limits, guess=start, solver=SOLVER)
+    assert (found.status == mr.Status.REACHED).all()
+    assert (found.stability_margin >= limits.stability_margin).all()
+    np.testing.assert_allclose(found.tip_position, target, atol=1e-6)
 
 
 def test_six_legs_reach_poses_by_their_translations_alone(hexapod_start):

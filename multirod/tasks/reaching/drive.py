@@ -67,7 +67,7 @@ class DriveArrays:
         kinds = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
         rooms |= {name: ((count,), dtype) for name, dtype in kinds.items()}
         whole = ("phase", "asked", "verdict", "status", "integrations", "allowed", "iterations", "begun", "fresh", "steps")
-        rooms |= dict.fromkeys((*whole, "settling", "blocked", "folded"), ((count,), wp.int32))
+        rooms |= dict.fromkeys((*whole, "settling", "limited", "blocked", "folded"), ((count,), wp.int32))
         real = ("done", "part", "goal", "damping", "residual", "sign", "first_sign", "merit", "first_merit", "residual_tolerance")
         rooms |= dict.fromkeys(real, ((count,), wp.float64))
         rooms |= dict.fromkeys(("errors", "first_errors", "base_errors", "r", "found"), ((count, m), wp.float64))

@@ -13,7 +13,7 @@ from multirod.tasks.condensed_kernels import (
     rotation_rows,
     sighted_rows,
 )
-from multirod.tasks.programme_kernels import Programme, keep_limits, place_rows, place_sides
+from multirod.tasks.programme_kernels import Programme, along_limit, keep_limits, place_rows, place_sides
 
 f64 = wp.float64
 SOFTNESS = 1e-12  # of the largest number of J, squared: what moves the tip by less than a millionth of that is damped
@@ -21,6 +21,8 @@ RADIUS = 1.0  # longest step of a freed input, in units (9)
 BEND = 5.0  # most that a step changes an unknown, in its scale of curvatures
 GROWTH = 10.0  # of what is left, from which a step is taken back
 LENGTHENED = 2.0  # times the part of a step that was kept, the next one's
+LEAST_PART = 0.02  # of a step, that is taken of such
+FEW_STEPS = 10  # towards one goal, after which steps along limits that lead farther off swing about where they are to rest
 
 # where the numbers of a search stand in ``settings``: what makes rows numbers [m], tolerance [1/m], least part of the way, the
 # first part, whether instances go on that asked, whether shapes have limits, whether steps are pulled, weights of rows
@@ -75,6 +77,7 @@ class Drive:
     fresh: wp.array[int]  # whether the next evaluation is the first of a part
     steps: wp.array[int]  # towards this goal
     settling: wp.array[int]
+    limited: wp.array[int]  # whether many steps were taken, and limits held one of the last
     blocked: wp.array[int]  # whether a limit of the shape lies ahead
     folded: wp.array[int]  # whether the target was found past a fold, at ``fold``
     done: wp.array[wp.float64]  # part of the way
@@ -156,6 +159,15 @@ def evaluate(s: wp.ref[Drive], t: int):
     place_errors(s.task, s.found, t, s.kind, s.position[t], s.rotation[t], s.axis[t], s.across[t], weight)
 
 
+@wp.func
+def at_limit(s: wp.ref[Drive], t: int) -> bool:
+    for i in range(s.low.shape[0]):
+        at = along_limit(s.limits, i, s.last_p, t)
+        if at - s.low[i] <= s.near[i] or s.high[i] - at <= s.near[i]:
+            return True
+    return False
+
+
 @wp.func(inline=False)
 def accept(s: wp.ref[Drive], t: int) -> bool:
     """Take over what an integration said, where it is sound and no farther from the goal than a step may lead; whether."""
@@ -177,8 +189,15 @@ def accept(s: wp.ref[Drive], t: int) -> bool:
     put_place(s.last_x, s.last_p, s.here_x, s.here_p, t)
     if s.fresh[t] == 0:
         s.iterations[t] = s.iterations[t] + 1
+    if s.fresh[t] != 0 or s.steps[t] <= wp.static(FEW_STEPS):
+        s.limited[t] = 0
+    elif s.goal[t] == f64(1.0) and at_limit(s, t):
+        s.limited[t] = 1
+    if s.limited[t] == 0:
+        s.damping[t] = wp.min(f64(1.0), f64(wp.static(LENGTHENED)) * s.damping[t])
+    elif merit > s.merit[t]:
+        s.damping[t] = wp.max(f64(0.5) * s.damping[t], f64(wp.static(LEAST_PART)))
     s.fresh[t] = 0
-    s.damping[t] = wp.min(f64(1.0), f64(wp.static(LENGTHENED)) * s.damping[t])
     put(s.errors, s.found, t)
     put(s.r, s.step.r, t)
     for i in range(m):

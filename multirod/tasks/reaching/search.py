@@ -295,6 +295,22 @@ class Search:
             self.sought(missed)
             self._values["settings"][PULLED] = 1.0
 
+    def rest_at_limit(self, rows: IntArray, place: Place) -> None:
+        """Put some instances to places, in their order, that a limit of the shape holds: those that are nearer so, stable and
+        within their limits are ``AT_LIMIT`` there."""
+        if not len(rows):
+            return
+        before, errors = self.last.copy(), self.errors.copy()
+        self.here.x[rows], self.here.p[rows] = place.x, place.p
+        settled = self._settled(rows)
+        self.last.put(settled, self.here)
+        fit = settled[np.linalg.norm(self.errors[settled], axis=1) < np.linalg.norm(errors[settled], axis=1)]
+        fit = fit[~(self.unstable(fit) | self.beyond(fit))]
+        others = np.setdiff1d(rows, fit)
+        self.last.put(others, before)
+        self.errors[others] = errors[others]
+        self.status[fit] = Status.AT_LIMIT
+
     def returned(self) -> None:
         """Put those back to where they began that are not ``REACHED`` and ended farther off than that; statuses stay.
 

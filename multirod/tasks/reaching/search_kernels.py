@@ -7,7 +7,6 @@ import warp as wp
 
 from multirod.kernels.repeated_kernels import Calls, launch_all
 from multirod.status import Status
-from multirod.tasks.programme_kernels import along_limit
 from multirod.tasks.reaching.drive_kernels import (
     LEAST,
     LENGTH,
@@ -18,6 +17,7 @@ from multirod.tasks.reaching.drive_kernels import (
     TOLERANCE,
     Drive,
     accept,
+    at_limit,
     left,
     put,
     put_place,
@@ -33,6 +33,7 @@ AT_REST = 1e-7  # a step in units (9) that is none
 IN_PLACE = 1e-3  # the same of what the target leaves free
 LOOSE = 1e3  # tolerances of places on the way, in those of the target
 MOST_STEPS = 40  # towards one goal
+MOST_LIMITED = 100  # of those that swing along limits
 PLACES = 12  # steps that a target that is reached gets for what it leaves free
 
 # of an instance: ended; under way; to begin
@@ -77,6 +78,8 @@ def go(s: wp.ref[Drive], t: int):
     k = s.unit.shape[0]
     for i in range(s.here_x.shape[1]):
         total = s.towards[t, i]
+        if s.limited[t] != 0:  # a part of the way, from an equilibrium
+            total = total / s.damping[t]
         for j in range(k):
             total += s.by[t, i, j] * s.change[t, j]
         s.here_x[t, i] = s.last_x[t, i] + s.damping[t] * total
@@ -139,15 +142,6 @@ def arrive(s: wp.ref[Drive], t: int, asked: int) -> bool:
         if step_size(s, t) > f64(wp.static(IN_PLACE)) and s.settling[t] <= wp.static(PLACES):
             return True
     end(s, t, wp.static(int(Status.REACHED)))
-    return False
-
-
-@wp.func
-def at_limit(s: wp.ref[Drive], t: int) -> bool:
-    for i in range(s.low.shape[0]):
-        at = along_limit(s.limits, i, s.last_p, t)
-        if at - s.low[i] <= s.near[i] or s.high[i] - at <= s.near[i]:
-            return True
     return False
 
 
@@ -215,7 +209,7 @@ def advance(s: wp.ref[Drive], t: int):
                 over += s.J[t, i, j] * s.change[t, j]
             total += over * over
         still = wp.sqrt(total) > s.settings[wp.static(TOLERANCE)]
-    if still or s.steps[t] > wp.static(MOST_STEPS):
+    if still or s.steps[t] > wp.where(s.limited[t] != 0, wp.static(MOST_LIMITED), wp.static(MOST_STEPS)):
         rest(s, t, wp.static(NOTHING))
     else:
         go(s, t)

@@ -18,6 +18,7 @@ from multirod.tasks.formulation import Task, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
 from multirod.tasks.reaching.redundancy import steadied
 from multirod.tasks.reaching.search import Goals, Place, Prefer, Search
+from multirod.tasks.reaching.sliding import slid
 from multirod.tasks.rows import Pose
 from multirod.validation import (
     FloatArray,
@@ -87,6 +88,8 @@ def search_part(
     within[rows] = ~search.beyond(rows)
     search.sought(within)
     search.status[~sound], search.status[sound & ~within] = status[~sound], Status.OUT_OF_LIMITS
+    if work.of_shape is not None and not work.robot.batch_shape and work.target.across is None:
+        _along_limits(work, search, piece, np.flatnonzero(within & (search.status != Status.REACHED)))
     if work.starts:
         _from_elsewhere(work, search, piece, sound)
     if work.prefer == "stability":
@@ -94,6 +97,40 @@ def search_part(
     search.returned()
     search.leave()
     return search
+
+
+def _along_limits(work: Work, search: Search, piece: slice, rows: IntArray) -> None:
+    """Take those along limits of the shape that stopped before them, and on to their targets from where that leads."""
+    assert work.of_shape is not None
+    x, p, going = np.zeros((len(rows), search.last.x.shape[1])), np.zeros((len(rows), search.last.p.shape[1])), []
+    for k, row in enumerate(rows.tolist()):
+        number = piece.start + row
+        inputs = work.inputs.take(work.batch_shape, np.array([number]))[0] if work.batch_shape else work.inputs
+        unknowns, values, spent = slid(
+            work.robot,
+            search.goals.rows.take(slice(row, row + 1)),
+            inputs,
+            work.unknowns[number],
+            free=work.free,
+            limits=work.of_shape,
+            solver=work.method,
+            device=work.device,
+            tolerance=work.tolerance,
+            max_integrations=work.max_integrations,
+        )
+        search.integrations[row] += spent
+        if unknowns is not None:
+            x[k], p[k] = search.task.problem.adopt(unknowns[None])[0], values
+            going.append(k)
+    if not going:
+        return
+    rows, place = rows[going], Place(x[going], p[going])
+    search.begin(rows, place)
+    chosen = np.zeros(len(search.status), dtype=bool)
+    chosen[rows] = True
+    search.tried(chosen)
+    left = search.status[rows] != Status.REACHED
+    search.rest_at_limit(rows[left], Place(place.x[left], place.p[left]))
 
 
 def _from_elsewhere(work: Work, search: Search, piece: slice, sound: NDArray[np.bool_]) -> None:

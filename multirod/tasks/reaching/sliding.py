@@ -1,0 +1,81 @@
+"""Along limits of the shape, where a search stops before them. Numbers in parentheses: ``docs/tasks.md``."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from multirod.assembly import Assembly
+from multirod.inputs import Inputs
+from multirod.results.solution import Solution
+from multirod.running.simulation import solve
+from multirod.solver import Solver
+from multirod.tasks.controlling.controller import Command, Controller
+from multirod.tasks.limits import Limits
+from multirod.tasks.rows import PoseRows
+from multirod.validation import FloatArray
+
+PATIENCE = 4  # samples, which are to bring the tip nearer
+NEARER = 1e-3  # by this part of what is left, or it has come to rest
+
+
+def slid(
+    robot: Assembly,
+    target: PoseRows,
+    inputs: Inputs,
+    unknowns: FloatArray,
+    *,
+    free: Sequence[str],
+    limits: Limits,
+    solver: Solver,
+    device: str,
+    tolerance: float,
+    max_integrations: int,
+) -> tuple[FloatArray | None, FloatArray, int]:
+    """Where a controller whose target stands still takes the tip, along limits of the shape (18).
+
+    Args:
+        robot: Without leading axes.
+        target: Of one instance.
+        inputs: Where it begins: within limits, and stable.
+        unknowns: The equilibrium there, shape (n,).
+        free: Names of freed inputs.
+        limits: Of what is free, and of the shape.
+        solver: Its integrator is that of the controller.
+        device: Warp device.
+        tolerance: Of the target's rows.
+        max_integrations: From which on no other sample is begun.
+
+    Returns:
+        Unknowns there, which are an equilibrium's to first order, shape (n,), None if there is no way; freed inputs, shape (k,);
+        integrations that were taken.
+    """
+    start = solve(robot, inputs, solver=solver, guess=unknowns, device=device, progress=False)
+    spent, left = int(start.integrations), [np.inf] * PATIENCE
+    last: Command | None = None
+    if not start.failed:
+        loop = _loop(robot, start, free, limits, solver, device)
+        parts = {"position": target.position, "rotation": target.rotation, "axis": target.axis}
+        goal = {name: value[0] for name, value in parts.items() if value is not None}
+        while loop is not None and spent < max_integrations:
+            command = loop.step(**goal)
+            spent += int(command.integrations)
+            if command.failed:
+                break
+            last = command
+            left.append(float(np.linalg.norm(np.nan_to_num([command.target_error, command.target_angle]) * target.weight)))
+            there = max(left[-2:]) <= tolerance  # twice: what is foreseen is off by the second order of the step
+            if there or left[-1] > (1 - NEARER) * left[-1 - PATIENCE]:
+                break
+    if last is None:
+        return None, np.zeros(0), spent
+    return last.unknowns, np.concatenate([getattr(last.inputs, name) for name in free]), spent
+
+
+def _loop(
+    robot: Assembly, start: Solution, free: Sequence[str], limits: Limits, solver: Solver, device: str
+) -> Controller | None:
+    """The controller; None where it refuses the start, which may be as near to a limit as rounding."""
+    try:
+        return Controller(robot, dt=1.0, free=free, limits=limits, guess=start, integrator=solver.integrator, device=device)
+    except ValueError:
+        return None
