@@ -10,14 +10,14 @@ import numpy as np
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec, InputSpecs
-from multirod.integrators import RK45
+from multirod.integrators import RK45, Integrator
 from multirod.models.assemblies.inputs import HeldRodInput, HeldRodInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.derivatives.designs import COMPONENTS, parameter_size
 from multirod.models.backbone.inputs import DRIVE_INPUTS, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
-from multirod.models.held.holders import END_INPUTS, POSE_INPUTS, ROD_INPUTS, TIP_SPECS, Holders
+from multirod.models.held.holders import END_INPUTS, POSE_INPUTS, ROD_INPUTS, TIP_SPECS, HeldOptions, Holders
 from multirod.models.held.problem import HeldProblem
 from multirod.models.joint_kernels import JOINTS
 from multirod.reuse import reusable
@@ -175,12 +175,19 @@ class HeldRod(Assembly):
         return name in POSE_INPUTS or self._free.surely_takes(name, values)
 
     @reusable
-    def problem(self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any) -> HeldProblem:  # noqa: D102
+    def problem(  # noqa: D102
+        self,
+        inputs: Inputs,
+        *,
+        integrator: Integrator,
+        instances: IntArray | None = None,
+        **options: Unpack[HeldOptions],
+    ) -> HeldProblem:
         holders = self.holders
         if instances is not None:
             whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
             holders, inputs = holders.take(whole, instances), inputs.take(whole, instances)
-        return HeldProblem(holders, inputs, **options)
+        return HeldProblem(holders, inputs, integrator=integrator, **options)
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         on_rod = {spec.name for spec in ROD_INPUTS}
@@ -202,7 +209,7 @@ class HeldRod(Assembly):
         return f"HeldRod({', '.join([repr(self.rods[0]), *joints])})"
 
 
-def _axis(field: str, value: Any) -> FloatArray:
+def _axis(field: str, value: Numbers) -> FloatArray:
     """A direction (3,), as long as 1."""
     axis = array(field, value, (3,))
     if axis.shape != (3,):

@@ -1,15 +1,21 @@
 """How a held rod varies along itself. Numbers in parentheses are those of ``docs/derivatives.md``."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from multirod.launch import Launch
+from multirod.models.backbone.passes.lane_pass import LanePass
+from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.rotations import cross, matrices
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
+
+# of one evaluation: what stands before the rod's, the rod's, what stands after it
+Launches: TypeAlias = tuple[Launch, LanePass | ClampedBackbones, Launch]
 
 
 def by_own_unknowns(problem: "HeldProblem", found: FloatArray) -> FloatArray:
@@ -62,7 +68,7 @@ class HeldSensing:
         launches: Of its own integration: what stands before the rod's, the rod's, what stands after it.
     """
 
-    def __init__(self, problem: "HeldProblem", places: FloatArray, launches: Sequence[Any]) -> None:
+    def __init__(self, problem: "HeldProblem", places: FloatArray, launches: Launches) -> None:
         self.problem = problem
         self._rod = problem.rod.sensing(places)
         self._launches = (launches[0], self._rod, launches[2])

@@ -11,6 +11,7 @@ from multirod.capabilities import Lines, Shapes
 from multirod.integrators import Integrator
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.held.along import at_rates, by_own_unknowns
+from multirod.models.held.holders import HeldOptions
 from multirod.models.held.start import BUCKLED
 from multirod.models.held.table import straight_at_rest
 from multirod.problem import Shape
@@ -38,7 +39,9 @@ class HeldParts(PartsAtEqualSteps["HeldProblem"]):
     def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> "HeldProblem":
         whole = self.problem
         holders = whole.holders.take(whole.batch_shape, instances)
-        options = {**whole.options, **({"pose_sensitivities": True} if poses else {})}
+        options: HeldOptions = {**whole.options}
+        if poses:
+            options["pose_sensitivities"] = True
         inputs = whole.inputs_given.take(whole.batch_shape, instances)
         result = type(whole)(holders, inputs, integrator=integrator, pieces=pieces, **options)
         result.stop, result.side = whole.stop, whole.side

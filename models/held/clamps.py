@@ -3,12 +3,13 @@
 Numbers in parentheses are those of ``docs/held.md``.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
 from multirod.capabilities import Clamps, Conjugates
+from multirod.kernels.warp_types import Array
 from multirod.models.backbone.stability.clamps import BackboneClamps, ClampedBackbones
 from multirod.models.held.held_kernels import ACROSS
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
@@ -36,9 +37,9 @@ class HeldConjugates(Conjugates):
         self.forces = np.array([*range(6 - self.turns, 6), *range(m, n)], dtype=np.intp)
         shape = (count, len(self.forces))
         unit = np.broadcast_to(problem.stiffness[:, None], shape)
-        self.unit: Any = wp.array(np.ascontiguousarray(unit), dtype=wp.float64, device=problem.device)
-        self.scale: Any = wp.ones(shape, dtype=wp.float64, device=problem.device)
-        self.columns: Any = wp.zeros((*shape, n + problem.direction_count), dtype=wp.float64, device=problem.device)
+        self.unit: Array = wp.array(np.ascontiguousarray(unit), dtype=wp.float64, device=problem.device)
+        self.scale: Array = wp.ones(shape, dtype=wp.float64, device=problem.device)
+        self.columns: Array = wp.zeros((*shape, n + problem.direction_count), dtype=wp.float64, device=problem.device)
         self.stiffness = np.asarray(problem.rod.sizes.least_stiffness / problem.length)
 
     def update(self) -> None:  # noqa: D102

@@ -1,7 +1,9 @@
 """What holds a rod at both ends, in numbers, and the inputs that it takes."""
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import TypedDict
 
 import numpy as np
 
@@ -31,6 +33,17 @@ END_INPUTS = (
         description="rotation vector by which what holds the end is turned, world frame",
     ),
 )
+
+
+class HeldOptions(TypedDict, total=False):
+    """How a ``HeldProblem`` is made, beside its holders, inputs and integrator."""
+
+    device: str
+    pose_sensitivities: bool
+    direction_count: int
+    lengths: bool
+    design: bool
+    enabled: Sequence[str]
 
 
 @dataclass(frozen=True)

@@ -5,21 +5,23 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.capabilities import LineTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
-from multirod.launch import record
+from multirod.kernels.warp_types import Array
+from multirod.launch import Launch, record
 from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.held import held_kernels as kernels
-from multirod.models.held.along import HeldSensing, columns_along
+from multirod.models.held.along import HeldSensing, Launches, columns_along
 from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, Reach
 from multirod.models.held.clamps import HeldClamps
-from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, Holders
+from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, HeldOptions, Holders
 from multirod.models.held.segments import HeldBackbone, HeldSegments
 from multirod.models.held.stability import HeldStability
 from multirod.models.held.start import INTEGRATIONS_AT_REST, begin
@@ -73,7 +75,7 @@ class HeldProblem(BoundaryProblem):
         )
         self.integrator = integrator
         self.inputs_given = inputs
-        self.options: dict[str, Any] = {
+        self.options: HeldOptions = {
             "device": device,
             "pose_sensitivities": pose_sensitivities,
             "direction_count": direction_count,
@@ -128,14 +130,14 @@ class HeldProblem(BoundaryProblem):
         result.whole = self
         return result
 
-    def _record(self) -> list[Any]:
+    def _record(self) -> Launches:
         """Launches of one evaluation, in order."""
         count = self.instance_count
 
-        def recorded(kernel: Any) -> Any:
+        def recorded(kernel: wp.Kernel) -> Launch:
             return record(lambda: kernel, count, (self.table,), self.device)
 
-        return [recorded(kernels.hand_over), self.rod.launch, recorded(kernels.hold)]
+        return recorded(kernels.hand_over), self.rod.launch, recorded(kernels.hold)
 
     # ---- what is offered ----
 
@@ -204,9 +206,9 @@ class HeldProblem(BoundaryProblem):
             launch.set_dim(self.listed)
 
     @cached_property
-    def launches(self) -> tuple[Any, ...] | None:  # noqa: D102
+    def launches(self) -> tuple[Launch, ...] | None:  # noqa: D102
         own = self.rod.launches
-        return None if own is None else (self._launches[0], *own, *self._launches[2:])
+        return None if own is None else (self._launches[0], *own, self._launches[2])
 
     def _integrate(self) -> None:
         self.rod.stop = self.stop
@@ -227,7 +229,7 @@ class HeldProblem(BoundaryProblem):
         self.write("inputs", self.pack(inputs))
         return True
 
-    def _zeros(self) -> list[Any]:
+    def _zeros(self) -> list[Array]:
         return [*super()._zeros(), self.table.opening, self.table.direct, self.table.neutral]
 
     def takes(self, name: str) -> bool:  # noqa: D102

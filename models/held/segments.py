@@ -5,12 +5,14 @@ Numbers in parentheses are those of ``docs/held.md``.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.batch import IntArray
+from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.segments.segments import BackboneSegments
 from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
 
 AXIS = np.array([0.0, 0.0, 1.0])  # of a rod
+Some: TypeAlias = slice | NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class Beginning:
     by_unknowns: FloatArray
     by_directions: FloatArray
 
-    def follow(self, columns: FloatArray, places: Any) -> FloatArray:
+    def follow(self, columns: FloatArray, places: Some) -> FloatArray:
         """Columns (count, row, d + direction_count) by a state at the base, then along directions, as by what it follows from:
         those of the unknowns stand at ``places``."""
         d = self.by_unknowns.shape[1]
@@ -53,7 +56,7 @@ class Beginning:
         result[:, :, d:] += columns[:, :, :d] @ self.by_directions
         return result
 
-    def chosen(self, some: Any) -> "Beginning":
+    def chosen(self, some: Some) -> "Beginning":
         """Of some of the rods."""
         return Beginning(self.states[some], self.force[some], self.by_unknowns[some], self.by_directions[some])
 
@@ -94,7 +97,7 @@ class HeldSegments(BackboneSegments):
         call.problem.directions = wp.zeros(shape, dtype=wp.float64, device=device)
         call.wrench.values = wp.zeros((count, 6), dtype=wp.float64, device=device)
         call.wrench.columns = wp.zeros((count, 6, columns), dtype=wp.float64, device=device)
-        table: Any = kernels.Held()
+        table: Struct = kernels.Held()
         for name in held.table._cls.vars:
             setattr(table, name, getattr(held.table, name))
         table.problem.load_factor, table.problem.unknowns = (
@@ -165,7 +168,7 @@ class HeldSegments(BackboneSegments):
 
     # ---- launches ----
 
-    def _load(self, cuts: Cuts, level: FloatArray, call: Any) -> dict[str, Any]:
+    def _load(self, cuts: Cuts, level: FloatArray, call: Struct) -> dict[str, NDArray[Any]]:
         held, chosen = self.held, cuts.instances
         begin = self._beginning(chosen, cuts.unknowns, level)
         m, along, last = held.rod.unknown_count, held.table.along, held.table.rod_inputs
@@ -192,7 +195,7 @@ class HeldSegments(BackboneSegments):
         names = ("instance", "start", "end", "at_tip", "state", "steps")
         return dict(zip(names, (chosen[owner], cuts.start, cuts.end, at_tip, states, cuts.steps), strict=True))
 
-    def _transitions(self, cuts: Cuts, found: dict[str, Any]) -> FloatArray:
+    def _transitions(self, cuts: Cuts, found: dict[str, NDArray[Any]]) -> FloatArray:
         """By the states where segments begin, then along directions, shape (segment_count, d, d + direction_count)."""
         own_size, d = self._varied.size, self.variation_size
         values, square = found["columns"], self._scale[cuts.instances[cuts.owner], None, None] ** 2
@@ -204,7 +207,7 @@ class HeldSegments(BackboneSegments):
         result[:, kept, kept] = 1.0
         return result
 
-    def _propagate(self, cuts: Cuts, level: FloatArray, table: Any) -> Propagation:
+    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct) -> Propagation:
         found = self._launched(cuts, level, table)
         begin = self._beginning(cuts.instances, cuts.unknowns, level)
         transition = self._transitions(cuts, found)
@@ -255,7 +258,7 @@ class HeldSegments(BackboneSegments):
         last = cuts.first[1:] - 1
         R, p = self._base(chosen)
         position = p + np.einsum("bij,bj->bi", R, end[last][:, self._state.places["position"]])
-        ends: Any = kernels.Ends()
+        ends: Struct = kernels.Ends()
         wrench = call.wrench.values.numpy()[chosen]
         given = {"position": (position, wp.vec3d), "rotation": (R @ self._matrices(end[last]), wp.mat33d)}
         given |= {"wrench": (wrench, wp.float64), "columns": (at_tip, wp.float64), "instance": (chosen, wp.int32)}

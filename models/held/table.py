@@ -1,11 +1,12 @@
 """What kernels read of a held rod."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from multirod.kernels.warp_types import Array, Struct
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.held import held_kernels as kernels
 from multirod.models.held.holders import POSE_INPUTS, TIP_LOADS
@@ -15,10 +16,10 @@ if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
 
 
-def make_table(problem: "HeldProblem", pieces: int) -> Any:
+def make_table(problem: "HeldProblem", pieces: int) -> Struct:
     """The argument of ``held_kernels``, on the buffers of a problem whose rod is in so many pieces."""
     holders, rod, count, device = problem.holders, problem.rod, problem.instance_count, problem.device
-    held: Any = kernels.Held()
+    held: Struct = kernels.Held()
     problem.share(held.problem)
     rod.share(held.rod)
     held.wrench.values, held.wrench.columns = rod.tip_wrench, rod.wrench_columns
@@ -29,7 +30,7 @@ def make_table(problem: "HeldProblem", pieces: int) -> Any:
     held.tip_loads = rod.input_slice(TIP_LOADS[0]).start
     held.pose = problem.input_slice(POSE_INPUTS[0]).start
 
-    def array(values: Any, dtype: Any) -> Any:
+    def array(values: ArrayLike, dtype: type) -> Array:
         kind = np.int32 if dtype is wp.int32 else np.float64
         return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=device)
 
