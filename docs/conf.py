@@ -61,7 +61,8 @@ def directive(name: str) -> str:
     options = ["members"]
     options += ["undoc-members"] * issubclass(thing, IntEnum)
     options += ["show-inheritance"] * any(map(public, thing.__bases__))
-    inherits = thing is mr.Solution or (issubclass(thing, mr.Assembly) and thing is not mr.Assembly)  # from what has no entry
+    # from what has no entry
+    inherits = thing in (mr.Solution, mr.BoundaryProblem) or (issubclass(thing, mr.Assembly) and thing is not mr.Assembly)
     options += ["inherited-members"] * inherits
     return f".. autoclass:: multirod.{name}\n" + "".join(f"   :{option}:\n" for option in options)
 

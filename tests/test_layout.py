@@ -37,7 +37,6 @@ LONG = {
     "models/network/problem.py": "the boundary problem of a network",
     "models/platform/platform_kernels.py": "what a platform adds to its legs, its kernels",
     "models/platform/problem.py": "the boundary problem of legs on a platform",
-    "multirod/problem/boundary.py": "the interface of a boundary problem",
     "solvers/continuation/continuation_kernels.py": "a step along a branch",
     "solvers/newton/newton_kernels.py": "Newton's iteration",
     "solvers/tracking/observer_kernels.py": "the observer's step",

@@ -4,13 +4,12 @@ from multirod.problem.boundary import (
     DOUBLE_ROUNDING,
     FEW,
     SINGLE_TOLERANCE,
-    STILL,
     TOLERANCE,
     Block,
     BoundaryProblem,
-    neutral_ways,
 )
 from multirod.problem.buffers import SMALL, Buffers
+from multirod.problem.offers import STILL, neutral_ways
 from multirod.problem.shapes import LineShape, Shape
 
 __all__ = [

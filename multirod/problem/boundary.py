@@ -1,10 +1,9 @@
 """The boundary problem: all that a solver sees of an assembly."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from threading import Event
 from typing import Any
 
@@ -13,21 +12,17 @@ from numpy.typing import NDArray
 
 from multirod.batch import Interrupted
 from multirod.budget import Budget
-from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs
-from multirod.problem.buffers import Buffers
-from multirod.segments import Breakpoints, Segments
-from multirod.stability import StabilityAnalysis
-from multirod.status import Status, failures
+from multirod.problem.inputs import ByInputs
+from multirod.problem.offers import Offers
+from multirod.segments import Breakpoints
 from multirod.validation import Described, FloatArray, refuse
 
 TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
 LEAST_TOLERANCE = 1e-12  # of the curvature scale: rounding leaves no less
 SINGLE_TOLERANCE = 1e-5  # the same where rods are integrated in single precision, of the curvature scale
 DOUBLE_ROUNDING = float(np.finfo(np.float64).eps)
-NEUTRAL_VALUE = 1e-12  # of the largest singular value of Gamma: with less, straight rods answer a force along themselves
-STILL = 1e-6  # of a change of unknowns (norm 1): those that change by less do not
 FEW = 8  # instances of which one thread does all, what comes between integrations too
 
 
@@ -48,13 +43,7 @@ class Block:
     rod: int | None = None
 
 
-def neutral_ways(gamma: FloatArray) -> FloatArray:
-    """Changes of the unknowns that ``Gamma`` (n, n) answers by nothing, as orthogonal rows (m, n)."""
-    _, sizes, ways = np.linalg.svd(gamma)
-    return np.asarray(ways[sizes < NEUTRAL_VALUE * sizes[0]])
-
-
-class BoundaryProblem(Buffers, ABC):
+class BoundaryProblem(ByInputs, Offers):
     """An assembly at some inputs, discretised: unknowns ``x`` to residual ``eps`` and ``Gamma = d(eps)/d(x)``.
 
     Everything is batched: the first axis of every array is the instance. Solvers written with Warp kernels read and
@@ -77,8 +66,6 @@ class BoundaryProblem(Buffers, ABC):
         stop: Once it is set, ``integrate`` raises ``Interrupted``: how a batch on several threads is brought to an end.
     """
 
-    columns_in_place = True  # whether ``aimed``, by inputs, is what stands in ``residual_directions`` and ``pose_columns``
-    eliminates = False  # whether columns by parameters may be at other fixed unknowns than its own: they are eliminated next
     instead = "ask the assembly for another problem"
     budget: Budget | None = None
 
@@ -202,108 +189,6 @@ class BoundaryProblem(Buffers, ABC):
         """Within it, integrations may leave the end effector's pose out, where that saves time; it is found in the end."""
         yield
 
-    def takes(self, name: str) -> bool:
-        """Whether the terms of an input are compiled into this problem."""
-        return True
-
-    def pack(self, inputs: Inputs) -> FloatArray:
-        """Rows of ``inputs``, shape (instance_count, input_count), for ``write("inputs", ...)``.
-
-        Raises:
-            ValueError: If an input that is not zero has no terms in this problem.
-        """
-        missing = sorted(name for name in inputs.given if inputs.is_active(name) and not self.takes(name))
-        if missing:
-            raise ValueError(f"the problem was made without {', '.join(missing)}: name them in enabled, or make a new problem")
-        packed = np.zeros((*self.batch_shape, self.input_count))
-        for name in inputs.given:
-            if name not in inputs.profiles:
-                packed[..., self.input_slice(name)] = getattr(inputs, name)
-        return packed.reshape(self.instance_count, self.input_count)
-
-    @abstractmethod
-    def input_slice(self, name: str) -> slice:
-        """Where an input stands in a row of ``inputs`` and ``directions``."""
-
-    def input_columns(self, *names: str) -> tuple[FloatArray, FloatArray]:
-        """Derivatives by each component of one input or several, the unknowns fixed; takes one integration.
-
-        The problem was made with ``Assembly.input_directions(*names)``, and with ``pose_sensitivities``.
-
-        Returns:
-            Of the residual, shape (instance_count, n, k), and of the end effector's pose, as in ``pose_columns``,
-            shape (instance_count, 6, k): the components of each input beside each other, the inputs in the order named.
-        """
-        self.aim(*names)
-        self.integrate()
-        return self.aimed(*names)
-
-    def part_ends(self, names: Sequence[str]) -> FloatArray:
-        """Move ends of sections that are at one place a hair apart where one of these names would move them: derivatives have a
-        side there. Returns what no place may be nearer to an end than [m], zero where none were moved, shape (instance_count,).
-        """
-        return np.zeros(self.instance_count)
-
-    def aim(self, *names: str) -> None:
-        """Point the directions along each component of some inputs: every integration from now on gives its columns."""
-        directions = np.zeros(self.directions.shape) if self._direction_view is None else self._direction_view
-        column = 0
-        for name in names:
-            own = self.directions_by(name)
-            directions[:, column : column + own.shape[1]] = own
-            column += own.shape[1]
-        directions[:, column:] = 0.0
-        if self._direction_view is None:
-            self.directions.assign(directions)
-
-    @cached_property
-    def _direction_view(self) -> FloatArray | None:
-        """Directions as NumPy sees them in place; None where they are elsewhere."""
-        return None if self._host is None else np.asarray(self.directions.numpy())
-
-    def directions_by(self, name: str) -> FloatArray:
-        """Directions along each component of an input, shape (instance_count or 1, k, directions.shape[2])."""
-        place = self.input_slice(name)
-        rows = np.zeros((1, place.stop - place.start, self.directions.shape[2]))
-        rows[0, :, place] = np.eye(rows.shape[1])
-        return rows
-
-    def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
-        """What ``input_columns`` returns, of the last integration after ``aim(*names)``."""
-        return np.array(self.buffer("residual_directions")), np.array(self.buffer("pose_columns")[:, :, self.unknown_count :])
-
-    def pose_by_unknowns(self) -> FloatArray:
-        """How the end effector's pose varies with the unknowns, shape (instance_count, 6, n); to be read at once."""
-        return np.asarray(self.buffer("pose_columns")[:, :, : self.unknown_count])
-
-    def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
-        """Derivatives of a rod's ``position``, ``rotation`` and ``curvature`` at some places, after ``aim(*names)``.
-
-        Args:
-            names: What the problem is aimed at.
-            rod: Which rod.
-            places: Rising arclengths from the base [m], shape (instance_count, count).
-
-        Returns:
-            Each of shape (instance_count, count, 3, n + k): by the unknowns, then by each number named, the unknowns fixed.
-            Positions and rotation vectors in the world, curvatures in the frame of the rod.
-        """
-        raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
-
-    def sensing(self, places: FloatArray) -> Any:  # noqa: ANN401  (each problem has its own)
-        """What may be launched in the place of ``integrate``, by its ``launch()``, and tells more: curvatures at ``places``
-        (count,), rising arclengths, which ``sensed`` reads."""
-        raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
-
-    def sensed(self, made: Any, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: ANN401  (of ``sensing``)
-        """What the last launch of ``sensing(...)`` said of a rod, after ``aim(*names)``; to be read at once.
-
-        Returns:
-            Curvatures in its frame [1/m], shape (instance_count, count, 3), and their derivatives by the unknowns, then by each
-            number named, shape (instance_count, count, 3, n + k).
-        """
-        raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
-
     def curvature_scale(self) -> FloatArray:
         """Size of the curvatures that arise [1/m], shape (instance_count,): the rods' own, or one over the length."""
         return np.ones(self.instance_count)
@@ -330,6 +215,13 @@ class BoundaryProblem(Buffers, ABC):
         """
         return np.zeros(self.instance_count)
 
+    def mode_bounds(self) -> FloatArray:
+        """As ``StabilityAnalysis.mode_bounds``; where that says nothing, what ``load_scale`` says of columns."""
+        found = None if self.stability is None else self.stability.mode_bounds()
+        if found is not None:
+            return found
+        return np.stack([0.5 * self.load_scale(), np.full(self.instance_count, np.inf)], axis=1)
+
     def turning(self, before: FloatArray | None = None) -> FloatArray:
         """How far rods that share their bending are turned against each other [rad], shape (instance_count,), since the inputs
         ``before``, (instance_count, input_count), or since they were straight and in line; zero where none share it.
@@ -340,139 +232,6 @@ class BoundaryProblem(Buffers, ABC):
     def turned(self) -> slice:
         """Where the angles stand among inputs that say what ``turning`` does since other inputs; nowhere where that is zero."""
         return slice(0, 0)
-
-    # ---- what only some offer ----
-
-    @property
-    def stability(self) -> StabilityAnalysis | None:
-        """Whether equilibria are stable, and what that tells solvers."""
-        return None
-
-    @property
-    def shapes(self) -> Shapes | None:
-        """The rods on nodes along their arclength."""
-        return None
-
-    @property
-    def lines(self) -> Lines | None:
-        """What lines along the rods do."""
-        return None
-
-    @property
-    def starts(self) -> Starts | None:
-        """Guesses that cover where equilibria may lie."""
-        return None
-
-    @property
-    def parts(self) -> Parts | None:
-        """Problems of some of the instances."""
-        return None
-
-    @property
-    def segments(self) -> Segments | None:
-        """The problem cut into segments, for multiple shooting."""
-        return None
-
-    @property
-    def segments_refused(self) -> str:
-        """Why ``segments`` is None, where it is."""
-        return "it is not a single rod"
-
-    @property
-    def joints(self) -> Joints | None:
-        """Joints that may be taken apart."""
-        return None
-
-    @property
-    def result_test(self) -> ResultTest | None:
-        """What any solver's results have to pass."""
-        return None
-
-    @property
-    def conjugates(self) -> Conjugates | None:
-        """Which residuals are forces, and the displacements they do work on; it needs ``pose_sensitivities``."""
-        return None
-
-    @property
-    def clamps(self) -> Clamps | None:
-        """Clamps along the rods, of a problem that ``Parts.clamped`` made."""
-        return None
-
-    # ---- what is assumed where nothing is offered ----
-
-    @property
-    def may_jump(self) -> bool:
-        """Whether a step may end on another branch, and its ends not tell: not unless ``stability`` says so."""
-        return self.stability is not None and self.stability.may_jump
-
-    def out_of_reach(self) -> NDArray[np.bool_]:
-        """Whether an instance has no equilibrium because ends are farther apart than what is between them can be long, shape
-        (instance_count,); False where that is not known."""
-        return np.zeros(self.instance_count, dtype=bool)
-
-    @property
-    def may_be_taut(self) -> bool:
-        """Whether ``taut`` may say so of an instance at some inputs."""
-        return False
-
-    def taut(self) -> NDArray[np.bool_]:
-        """Whether a rod that does not stretch is held at its full length, shape (instance_count,): it can but be straight, with
-        any force along itself, and no branch leads from there or to there."""
-        return np.zeros(self.instance_count, dtype=bool)
-
-    def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:
-        """Whether unknowns (instance_count, n) are those of a rod that is ``taut``: as a guess they lead nowhere. Shape
-        (instance_count,)."""
-        return np.zeros(self.instance_count, dtype=bool)
-
-    def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
-        of why, where that says more than ``status`` does."""
-        return np.where(self.out_of_reach() & failures(status), Status.OUT_OF_REACH, status).astype(np.int32)
-
-    @property
-    def held_forces(self) -> NDArray[np.intp]:
-        """Unknowns, by their numbers, that are forces in rods whose tips are held."""
-        return np.zeros(0, dtype=np.intp)
-
-    def undetermined(self) -> NDArray[np.bool_]:
-        """Whether forces in rods could change, as far as the last integration says, and nothing else would, shape
-        (instance_count,): straight rods that do not stretch share what they carry in ways that nothing determines."""
-        result = np.zeros(self.instance_count, dtype=bool)
-        if not len(self.held_forces):
-            return result
-        gamma = self.read("gamma").reshape(self.instance_count, self.unknown_count, self.unknown_count)
-        others = np.setdiff1d(np.arange(self.unknown_count), self.held_forces)
-        for k in np.flatnonzero(np.isfinite(gamma).all(axis=(1, 2))).tolist():
-            neutral = neutral_ways(gamma[k])
-            result[k] = len(neutral) > 0 and np.abs(neutral[:, others]).max() < STILL
-        return result
-
-    def loose(self) -> list[str]:
-        """Of each instance the body that moves most, by its name, where the assembly moves at rest and without loads though no
-        rod is bent, a mechanism; ``""`` where it does not. It integrates nothing if ``guess`` was called."""
-        return [""] * self.instance_count
-
-    def is_loose(self) -> NDArray[np.bool_]:
-        """Whether it moves so, shape (instance_count,)."""
-        return np.array([name != "" for name in self.loose()], dtype=bool)
-
-    @property
-    def kinks(self) -> NDArray[np.intp]:
-        """Unknowns, by their numbers, at whose zero the residual has a kink at the full load, and none at less."""
-        return np.zeros(0, dtype=np.intp)
-
-    @property
-    def kink_inputs(self) -> NDArray[np.intp]:
-        """Inputs, by their numbers, that let out what has ``kinks`` where they are lower."""
-        return np.zeros(0, dtype=np.intp)
-
-    def mode_bounds(self) -> FloatArray:
-        """As ``StabilityAnalysis.mode_bounds``; where that says nothing, what ``load_scale`` says of columns."""
-        found = None if self.stability is None else self.stability.mode_bounds()
-        if found is not None:
-            return found
-        return np.stack([0.5 * self.load_scale(), np.full(self.instance_count, np.inf)], axis=1)
 
     # ---- for solvers written with NumPy, and for all that reads results ----
 

@@ -1,0 +1,150 @@
+"""What only some boundary problems offer, and what is assumed of those that do not."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
+from multirod.problem.buffers import Buffers
+from multirod.segments import Segments
+from multirod.stability import StabilityAnalysis
+from multirod.status import Status, failures
+from multirod.validation import FloatArray
+
+NEUTRAL_VALUE = 1e-12  # of the largest singular value of Gamma: with less, straight rods answer a force along themselves
+STILL = 1e-6  # of a change of unknowns (norm 1): those that change by less do not
+
+
+def neutral_ways(gamma: FloatArray) -> FloatArray:
+    """Changes of the unknowns that ``Gamma`` (n, n) answers by nothing, as orthogonal rows (m, n)."""
+    _, sizes, ways = np.linalg.svd(gamma)
+    return np.asarray(ways[sizes < NEUTRAL_VALUE * sizes[0]])
+
+
+class Offers(Buffers):
+    """What a ``BoundaryProblem`` offers beside residual and ``Gamma``: objects, or None, and answers to what solvers ask."""
+
+    # ---- what only some offer ----
+
+    @property
+    def stability(self) -> StabilityAnalysis | None:
+        """Whether equilibria are stable, and what that tells solvers."""
+        return None
+
+    @property
+    def shapes(self) -> Shapes | None:
+        """The rods on nodes along their arclength."""
+        return None
+
+    @property
+    def lines(self) -> Lines | None:
+        """What lines along the rods do."""
+        return None
+
+    @property
+    def starts(self) -> Starts | None:
+        """Guesses that cover where equilibria may lie."""
+        return None
+
+    @property
+    def parts(self) -> Parts | None:
+        """Problems of some of the instances."""
+        return None
+
+    @property
+    def segments(self) -> Segments | None:
+        """The problem cut into segments, for multiple shooting."""
+        return None
+
+    @property
+    def segments_refused(self) -> str:
+        """Why ``segments`` is None, where it is."""
+        return "it is not a single rod"
+
+    @property
+    def joints(self) -> Joints | None:
+        """Joints that may be taken apart."""
+        return None
+
+    @property
+    def result_test(self) -> ResultTest | None:
+        """What any solver's results have to pass."""
+        return None
+
+    @property
+    def conjugates(self) -> Conjugates | None:
+        """Which residuals are forces, and the displacements they do work on; it needs ``pose_sensitivities``."""
+        return None
+
+    @property
+    def clamps(self) -> Clamps | None:
+        """Clamps along the rods, of a problem that ``Parts.clamped`` made."""
+        return None
+
+    # ---- what is assumed where nothing is offered ----
+
+    @property
+    def may_jump(self) -> bool:
+        """Whether a step may end on another branch, and its ends not tell: not unless ``stability`` says so."""
+        return self.stability is not None and self.stability.may_jump
+
+    def out_of_reach(self) -> NDArray[np.bool_]:
+        """Whether an instance has no equilibrium because ends are farther apart than what is between them can be long, shape
+        (instance_count,); False where that is not known."""
+        return np.zeros(self.instance_count, dtype=bool)
+
+    @property
+    def may_be_taut(self) -> bool:
+        """Whether ``taut`` may say so of an instance at some inputs."""
+        return False
+
+    def taut(self) -> NDArray[np.bool_]:
+        """Whether a rod that does not stretch is held at its full length, shape (instance_count,): it can but be straight, with
+        any force along itself, and no branch leads from there or to there."""
+        return np.zeros(self.instance_count, dtype=bool)
+
+    def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:
+        """Whether unknowns (instance_count, n) are those of a rod that is ``taut``: as a guess they lead nowhere. Shape
+        (instance_count,)."""
+        return np.zeros(self.instance_count, dtype=bool)
+
+    def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
+        of why, where that says more than ``status`` does."""
+        return np.where(self.out_of_reach() & failures(status), Status.OUT_OF_REACH, status).astype(np.int32)
+
+    @property
+    def held_forces(self) -> NDArray[np.intp]:
+        """Unknowns, by their numbers, that are forces in rods whose tips are held."""
+        return np.zeros(0, dtype=np.intp)
+
+    def undetermined(self) -> NDArray[np.bool_]:
+        """Whether forces in rods could change, as far as the last integration says, and nothing else would, shape
+        (instance_count,): straight rods that do not stretch share what they carry in ways that nothing determines."""
+        result = np.zeros(self.instance_count, dtype=bool)
+        if not len(self.held_forces):
+            return result
+        gamma = self.read("gamma").reshape(self.instance_count, self.unknown_count, self.unknown_count)
+        others = np.setdiff1d(np.arange(self.unknown_count), self.held_forces)
+        for k in np.flatnonzero(np.isfinite(gamma).all(axis=(1, 2))).tolist():
+            neutral = neutral_ways(gamma[k])
+            result[k] = len(neutral) > 0 and np.abs(neutral[:, others]).max() < STILL
+        return result
+
+    def loose(self) -> list[str]:
+        """Of each instance the body that moves most, by its name, where the assembly moves at rest and without loads though no
+        rod is bent, a mechanism; ``""`` where it does not. It integrates nothing if ``guess`` was called."""
+        return [""] * self.instance_count
+
+    def is_loose(self) -> NDArray[np.bool_]:
+        """Whether it moves so, shape (instance_count,)."""
+        return np.array([name != "" for name in self.loose()], dtype=bool)
+
+    @property
+    def kinks(self) -> NDArray[np.intp]:
+        """Unknowns, by their numbers, at whose zero the residual has a kink at the full load, and none at less."""
+        return np.zeros(0, dtype=np.intp)
+
+    @property
+    def kink_inputs(self) -> NDArray[np.intp]:
+        """Inputs, by their numbers, that let out what has ``kinks`` where they are lower."""
+        return np.zeros(0, dtype=np.intp)
