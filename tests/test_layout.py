@@ -35,8 +35,6 @@ LONG = {
     "models/held/held_kernels.py": "what holds the end of a rod, its kernels",
     "models/network/elements/element_kernels.py": "rods of a network, their kernels",
     "models/network/problem.py": "the boundary problem of a network",
-    "models/platform/platform_kernels.py": "what a platform adds to its legs, its kernels",
-    "models/platform/problem.py": "the boundary problem of legs on a platform",
     "solvers/continuation/continuation_kernels.py": "a step along a branch",
     "solvers/newton/newton_kernels.py": "Newton's iteration",
     "solvers/tracking/observer_kernels.py": "the observer's step",

@@ -210,8 +210,8 @@ def test_a_guess_is_where_the_energy_of_the_beams_is_least():
     """(11) By differences of that energy, in which turns add up."""
     parallel = SCENES["three, every joint"]()
     problem = parallel.problem(parallel.inputs(translation=(0.01, 0.0, -0.02)), integrator=FEW)
-    with problem.unloaded():
-        _, legs, at = problem.unloaded_legs()
+    with problem.closing.unloaded():
+        _, legs, at = problem.closing.unloaded_legs()
     legs, start = legs.softened((1e-3,)), fitted_platform(legs, at)
     position, rotation, _ = BeamEquilibrium(1, 3).found(legs, at, *start)
     assert np.abs(position - start[0]).max() > 1e-4

@@ -36,8 +36,7 @@ PLATFORM_VECTORS = ("tip_force", "tip_moment", "follower_force", "follower_momen
 LEG_VECTORS = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")
 POSE_VECTORS = ("platform_position", "platform_rotation")  # of the inverse problem
 # what a leg hands to the balance of its platform
-FORCE_AT = 0
-MOMENT_AT = 3
+FORCE_AT, MOMENT_AT = 0, 3
 TURN_AT = 6  # change of the moment by the rotation vector of the platform, row by row
 DIRECTIONS_AT = 15  # change of force and moment by each direction
 

@@ -32,8 +32,8 @@ class PlatformJoints(Joints):
 
         The mismatch of each joint is remembered and closes as ``load_factor`` goes from 0 to 1, (9).
         """
-        with self.problem.unloaded():
-            x, legs, at = self.problem.unloaded_legs()
+        with self.problem.closing.unloaded():
+            x, legs, at = self.problem.closing.unloaded_legs()
         if not self.problem.inverse:
             position, rotation = fitted_platform(legs, at)
             if numbers is not None:
@@ -92,9 +92,9 @@ class PlatformStarts(Starts):
 
     def guesses(self, count: int, first: int = 0) -> FloatArray:
         """Poses of the platform around that of the unloaded robot, its legs taken for beams that reach there."""
-        middle = self.problem.closed().unknowns
-        with self.problem.unloaded():
-            x, legs, at = self.problem.unloaded_legs()
+        middle = self.problem.closing.closed().unknowns
+        with self.problem.closing.unloaded():
+            x, legs, at = self.problem.closing.unloaded_legs()
         legs = legs.softened(COMPLIANCES[-1:])
         points = crowded(np.arange(first, first + count))
         length = np.broadcast_to(self.problem.length[:, -1:], (self.problem.instance_count, 1))

@@ -1,0 +1,186 @@
+"""The unloaded robot: its legs taken for beams, and a platform where they hold it. Numbers are those of ``docs/parallel.md``."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.capabilities import Loading
+from multirod.kernels.shared import Shared
+from multirod.models.platform.platform_kernels import POSE
+from multirod.models.platform.starting.guess import (
+    COMPLIANCES,
+    SHORT,
+    Attachments,
+    BeamEquilibrium,
+    Legs,
+    beam_reach,
+    fitted_platform,
+)
+from multirod.rotations import matrices
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.platform.problem import ParallelProblem
+
+
+@dataclass(frozen=True)
+class Closed:
+    """The unloaded robot at certain inputs.
+
+    Attributes:
+        inputs: Packed, what is no load, shape (instance_count, k).
+        unknowns: [1/m], shape (instance_count, n).
+        residual: What is left of it there [1/m], shape (instance_count, n).
+        singular_value: Smallest of ``Gamma`` there, 1 at most, shape (instance_count,).
+        tried: How many guesses were looked at, shape (instance_count,).
+    """
+
+    inputs: FloatArray
+    unknowns: FloatArray
+    residual: FloatArray
+    singular_value: FloatArray
+    tried: NDArray[np.int_]
+
+
+class Closing:
+    """How a ``ParallelProblem`` is closed where no load acts yet."""
+
+    def __init__(self, problem: "ParallelProblem") -> None:
+        self.problem = problem
+        self._found: Closed | None = None
+
+    @property
+    def integrations(self) -> NDArray[np.int_] | int:
+        """That it takes, or took, to close each instance."""
+        return 1 + (len(COMPLIANCES) if self._found is None else self._found.tried)
+
+    def begin(self) -> FloatArray:
+        """Unknowns where loads are zero; what the residual is there is remembered and closes as they are raised, (9)."""
+        closed = self.closed()
+        self.aside["opening"].write(closed.residual)
+        self.aside["soft"].write(0.0)
+        return np.array(closed.unknowns)
+
+    def closed(self) -> "Closed":
+        """The unloaded robot at the present inputs; found once for all who ask."""
+        inputs = self.problem.read("inputs")[:, : self.problem.robots.loads]
+        if self._found is None or not np.array_equal(self._found.inputs, inputs):
+            with self.unloaded():
+                x, legs, at = self.unloaded_legs()
+                candidates = self._bent(x, legs, at)
+                x, residual, gamma, tried = self._best(candidates)
+            sound = np.isfinite(gamma).all(axis=(1, 2))
+            least = np.ones(self.problem.instance_count)
+            least[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
+            self._found = Closed(inputs, x, residual, least, tried)
+        return self._found
+
+    @contextmanager
+    def unloaded(self) -> Iterator[None]:
+        """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
+        records = self.problem.snapshot()
+        aside = self.aside
+        for shared in aside.values():
+            shared.fetch()
+        values = {name: shared.values.copy() for name, shared in aside.items()}
+        aside["active"].write(1)
+        aside["loading"].write(int(Loading.RISING))
+        for name in ("load_factor", "opening", "soft"):
+            aside[name].write(0.0)
+        try:
+            with self.problem.focused():
+                yield
+        finally:
+            self.problem.restore(records)
+            for name, before in values.items():
+                aside[name].write(before)
+
+    @cached_property
+    def aside(self) -> dict[str, Shared]:
+        """What is another within ``unloaded``: which are active, at which load, how far open, how loaded; then what launches
+        write."""
+        arrays = {name: getattr(self.problem.robots, name) for name in ("opening", "soft", "loading")}
+        names = ("active", "load_factor", "fault", "step_count", "residual_directions", "pose_columns")
+        return {
+            name: Shared.of(array) for name, array in (arrays | {name: getattr(self.problem, name) for name in names}).items()
+        }
+
+    def unloaded_legs(self) -> tuple[FloatArray, Legs, Attachments]:
+        """Unknowns of legs that nothing holds, and what they say of how the legs bend; the problem is unloaded."""
+        x = np.zeros((self.problem.instance_count, self.problem.unknown_count))
+        for group in self.problem.groups:
+            unloaded = group.backbones.guess().reshape(self.problem.instance_count, len(group.members), -1)
+            for place, leg in enumerate(group.members):
+                x[:, self.problem.own[leg]] = unloaded[:, place]
+        self.problem.write("unknowns", x)
+        self.problem.integrate()
+        return x, self._legs(), self.problem.attachments()
+
+    def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int_]]:
+        """Of several unknowns, for each instance those from which Newton's first step is shortest; residual and Gamma there, and
+        how many it looked at: none after one from which it is short."""
+        count, n = self.problem.instance_count, self.problem.unknown_count
+        shortest, tried, open_ = np.full(count, np.inf), np.zeros(count, dtype=int), np.ones(count, dtype=bool)
+        x, residual, best = np.array(candidates[0]), np.zeros((count, n)), np.zeros((count, n, n))
+        for candidate in candidates:
+            with self.problem.only(open_):
+                found, gamma = self.problem.evaluate(candidate)
+            regular = open_ & np.isfinite(found).all(axis=1) & (np.linalg.slogdet(np.nan_to_num(gamma))[0] != 0)
+            length = np.full(count, 1e300)  # a singular start is better than none
+            length[regular] = np.linalg.norm(np.linalg.solve(gamma[regular], found[regular][..., None])[..., 0], axis=1)
+            better = open_ & (length < shortest)
+            x[better], residual[better], best[better] = candidate[better], found[better], gamma[better]
+            shortest[better] = length[better]
+            tried += open_
+            open_ &= length > SHORT * np.linalg.norm(candidate, axis=1)
+            if not open_.any():
+                break
+        return x, residual, best, tried
+
+    def _bent(self, unloaded: FloatArray, legs: Legs, at: Attachments) -> Sequence[FloatArray]:
+        """Unknowns of the unloaded legs, and what closes their joints if they are beams, for each of ``COMPLIANCES``."""
+        ways = len(COMPLIANCES)
+        x = np.concatenate([unloaded] * ways)
+        start = None if self.problem.inverse else fitted_platform(legs, at)
+        legs, at = legs.softened(COMPLIANCES), at.repeated(ways)
+        if start is None:
+            pose = np.concatenate(
+                [self.problem.read("inputs")[:, self.problem._places["platform_position"].start :][:, :POSE]] * ways
+            )
+            reach, added = beam_reach(legs, at, pose[:, :3], matrices(pose[:, 3:]))
+            x[:, self.problem.platform] = reach / legs.length**2
+        else:
+            shape = (ways * self.problem.instance_count, len(self.problem.geometry.legs))
+            beams = self.problem.tool(("BeamEquilibrium", *shape), lambda: BeamEquilibrium(*shape))
+            position, rotation, added = beams.found(legs, at, *(np.concatenate([value] * ways) for value in start))
+            x[:, self.problem.platform] = self.problem.pose_unknowns(position, rotation)
+        for own, values in zip(self.problem.own, added, strict=True):
+            x[:, own] += values
+        return np.split(x, ways)
+
+    def _legs(self) -> Legs:
+        """What the last integration says of the legs."""
+        count, legs = self.problem.instance_count, len(self.problem.geometry.legs)
+        position, rotation = np.zeros((count, legs, 3)), np.zeros((count, legs, 3, 3))
+        flexibility = np.zeros((count, legs, 6, 6))
+        by_wrench: list[FloatArray] = [np.zeros(0)] * legs
+        for group in self.problem.groups:
+            own, members = group.backbones, list(group.members)
+            m, shape = own.unknown_count, (count, len(members))
+            torques = own.read("gamma").reshape(*shape, m, m)[:, :, POSE:]
+            loads = np.concatenate([own.wrench_columns.numpy().reshape(*shape, POSE, -1)[..., :m], torques], axis=2)
+            unknowns = np.linalg.solve(loads, np.broadcast_to(np.eye(m, POSE), (*shape, m, POSE)))
+            flexibility[:, members] = own.pose_columns.numpy().reshape(*shape, POSE, -1)[..., :m] @ unknowns
+            position[:, members] = own.read("position").reshape(*shape, 3)
+            rotation[:, members] = own.read("rotation").reshape(*shape, 3, 3)
+            for place, leg in enumerate(members):
+                by_wrench[leg] = unknowns[:, place]
+        length, stiffness = (
+            np.broadcast_to(scale[:, :legs], (count, legs)) for scale in (self.problem.length, self.problem.stiffness)
+        )
+        return Legs(position, rotation, flexibility, by_wrench, length, stiffness)
