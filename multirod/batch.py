@@ -29,7 +29,8 @@ def take(values: NDArray[Kind], batch_shape: tuple[int, ...], instances: IntArra
     Returns:
         Array of shape (len(instances), ...).
     """
-    rows = np.broadcast_to(values, (*batch_shape, *np.shape(values)[np.ndim(values) - tail :]))
+    shape = (*batch_shape, *values.shape[values.ndim - tail :])
+    rows = values if values.shape == shape else np.broadcast_to(values, shape)
     if instances is None or not batch_shape:
         return rows.reshape(prod(batch_shape), *rows.shape[len(batch_shape) :])
     return rows[np.unravel_index(instances, batch_shape)]

@@ -130,9 +130,9 @@ class Shooting(Solver):
             outcome = natural_branch(problem, newton, self.max_continuation_steps, chosen, handed if self.fallback else None)
             reached, ends = outcome.reached, problem.read("unknowns")
             if self.fallback and reached is not None:
-                handed |= chosen & (outcome.status == Status.MAX_ITERATIONS) & (reached > 0)
+                handed |= chosen & (outcome.status == int(Status.MAX_ITERATIONS)) & (reached > 0)
             for status in (Status.UNDETERMINED, Status.LOOSE):  # from wherever
-                known = outcome.status == status
+                known = outcome.status == int(status)
                 chosen = chosen & ~known
                 tried[known] = status
             newton.allow(self._left(outcome))

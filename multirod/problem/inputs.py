@@ -83,10 +83,14 @@ class ByInputs(Buffers, ABC):
 
     def directions_by(self, name: str) -> FloatArray:
         """Directions along each component of an input, shape (instance_count or 1, k, directions.shape[2])."""
-        place = self.input_slice(name)
-        rows = np.zeros((1, place.stop - place.start, self.directions.shape[2]))
-        rows[0, :, place] = np.eye(rows.shape[1])
-        return rows
+
+        def made() -> FloatArray:
+            place = self.input_slice(name)
+            rows = np.zeros((1, place.stop - place.start, self.directions.shape[2]))
+            rows[0, :, place] = np.eye(rows.shape[1])
+            return rows
+
+        return self.tool(("directions", name), made)
 
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
         """What ``input_columns`` returns, of the last integration after ``aim(*names)``."""

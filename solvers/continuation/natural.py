@@ -14,6 +14,7 @@ TOGETHER = 4096  # instances whose columns at all nodes are held at once
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 UNLOADED = 1e-9  # of ``EI/L^2``: loads that are none, and gaps that are closed
 AT_END = 1e-5  # of the way, that is left where ends of rods hardly give way
+CONVERGED = int(Status.CONVERGED)  # NumPy compares with a number at once, and takes its time with a member of ``Status``
 SHORT_STEPS = 12  # of a short cut, beyond which it is none
 
 
@@ -44,7 +45,7 @@ def natural_branch(
         outcome = short
     if problem.may_jump:
         _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
-    lost = outcome.status != Status.CONVERGED
+    lost = outcome.status != CONVERGED
     if lost.any():
         # what is left of the residual at the full load
         with problem.only(lost):
@@ -91,7 +92,7 @@ def _leave_unstable(
     gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
     # with one unstable mode at most, the sign of det Gamma says whether there is one
     sure = (bounds[:, 1] < 1) & (np.linalg.det(gamma) > 0)
-    places = np.flatnonzero(chosen & (outcome.status == Status.CONVERGED) & ~sure & stability.has_potential)
+    places = np.flatnonzero(chosen & (outcome.status == CONVERGED) & ~sure & stability.has_potential)
     outcome.integrations[places] += 1
     places = places[_unstable(problem, places)]
     if not len(places):
@@ -103,7 +104,7 @@ def _leave_unstable(
     method = newton.of(part, places)
     method.allow(np.maximum(method.allowed() - outcome.integrations[places], 0))
     again = Paths(part, method, max_steps * FINER).raise_loads(np.ones(len(places), dtype=bool), bounds[places], FINER)
-    unstable = np.flatnonzero(again.status == Status.CONVERGED)
+    unstable = np.flatnonzero(again.status == CONVERGED)
     again.status[unstable[_unstable(part, unstable)]] = Status.BRANCH_END
     outcome.status[places] = again.status
     outcome.iterations[places] += again.iterations

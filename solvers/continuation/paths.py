@@ -374,7 +374,7 @@ class Paths:
 
     def _doubt_ends(self, status: IntArray, integrations: IntArray) -> None:
         """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
-        ended = np.flatnonzero(status == Status.BRANCH_END)
+        ended = np.flatnonzero(status == int(Status.BRANCH_END))
         if len(ended):
             least = self._newton.least_singular_values(self.state.reference.numpy()[ended])
             status[ended[least > SINGULAR * self.problem.natural_singular_value[ended]]] = Status.STALLED

@@ -1,6 +1,7 @@
 """Stability of one backbone: its second variation by columns at nodes, its potential, and what its rods say beforehand."""
 
-from functools import cache
+from functools import cache, partial
+from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,13 +78,16 @@ class BackboneStability(StabilityAnalysis):
 
     def surely_stable(self) -> bool:  # noqa: D102
         problem = self.problem
-        if not problem.judged_often or not may_be_sure(problem) or not self.has_potential.all():
+        if not problem.judged_often or problem.breakpoints or not problem.tool("may be sure", lambda: may_be_sure(problem)):
+            return False
+        if not self.has_potential.all():
             return False
         own: SureStability = problem.tool("surely stable", lambda: SureStability(problem))
         # by as many nodes as the last look called for, then by as many as this one does
         tried = 0
         while tried <= own.needed < MOST_NODES_AT_FIRST - 1:
-            tried = int(self._nodes(np.array(own.needed)))
+            segments = ceil(own.needed + 1e-6)  # as whole numbers decide
+            tried = problem.tool(("nodes", segments), partial(self._nodes_for, own.needed))
             if own.holds(tried):
                 return True
         return False
@@ -183,6 +187,10 @@ class BackboneStability(StabilityAnalysis):
             place = np.searchsorted(parts, fewest)
             result = np.where(place < len(parts), parts[np.minimum(place, len(parts) - 1)], result)
         return np.asarray(1 + result)
+
+    def _nodes_for(self, segments: float) -> int:
+        """The same of one number of segments."""
+        return int(self._nodes(np.array(segments)))
 
     def _free(self) -> int:
         """Angles of a free tip: three of what ends there, and how each rod turns against it."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from multirod.batch import IntArray
 from multirod.status import Status
-from multirod.tasks.reaching.search import Place, Search
+from multirod.tasks.reaching.search import REACHED, Place, Search
 from multirod.validation import FloatArray
 
 DIFFERENCE = 0.02  # by which margins are differentiated, in units (9)
@@ -15,7 +15,7 @@ ROUNDS = 12
 
 def steadied(search: Search) -> None:
     """(14) Move reached instances along what their targets leave free, to where their stability margin is largest."""
-    rows = np.flatnonzero(search.status == Status.REACHED)
+    rows = np.flatnonzero(search.status == REACHED)
     count, m, k = search.J.shape
     if m >= k or not len(rows):
         return
@@ -35,7 +35,7 @@ def steadied(search: Search) -> None:
         chosen[rows] = True
         search.begin(rows, start)
         search.drive(chosen)
-        found = rows[search.status[rows] == Status.REACHED]
+        found = rows[search.status[rows] == REACHED]
         better = np.zeros(count, dtype=bool)
         now = np.full(count, -np.inf)
         if len(found):

@@ -33,6 +33,8 @@ LEAST_PART = 0.01  # of the way
 SINGULAR = 1e-5  # least over largest singular value of J, from which a target that is not reached is called singular
 NEAR_LIMIT = 1e-8  # in units (9)
 SETTLING = 4  # integrations that an equilibrium that was found by other kernels is brought to its tolerance by
+# as NumPy compares an array with them at once, and takes as long as a tenth of an integration with a member of ``Status``
+REACHED, AT_LIMIT = int(Status.REACHED), int(Status.AT_LIMIT)
 CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
 
 Prefer = Literal["smallest motion", "smallest tension", "middle", "stability"]
@@ -121,9 +123,9 @@ class Search:
             if value is not None:
                 values[name][:] = value
         settings = values["settings"]
-        settings[[LENGTH, TOLERANCE]] = goals.length, goals.tolerance
-        settings[[POSITION_WEIGHT, ANGLE_WEIGHT]] = rows.weight
-        settings[[SHAPED, PULLED]] = goals.of_shape is not None, goals.centre is not None
+        settings[LENGTH], settings[TOLERANCE] = goals.length, goals.tolerance
+        settings[POSITION_WEIGHT], settings[ANGLE_WEIGHT] = rows.weight
+        settings[SHAPED], settings[PULLED] = goals.of_shape is not None, goals.centre is not None
         self.start, self.last, self.here, self._fold = (
             Place(values[f"{name}_x"], values[f"{name}_p"]) for name in ("start", "last", "here", "fold")
         )
@@ -147,7 +149,8 @@ class Search:
             return
         values, arrays = self._values, self._arrays
         values["phase"][:] = np.where(chosen, BEGINNING, ENDED)
-        values["settings"][[LEAST, PART, RESUMED]] = least, part, 0.0
+        settings = values["settings"]
+        settings[LEAST], settings[PART], settings[RESUMED] = least, part, 0.0
         np.add(self.integrations, self.goals.max_integrations, out=values["allowed"])
         arrays.send()
         with self.task.problem.alone:
@@ -155,9 +158,9 @@ class Search:
             while under_way:
                 under_way = self._pass(under_way)
         arrays.fetch()
-        if (self.status == Status.REACHED).all():
+        if (self.status == REACHED).all():
             return
-        self._settle(np.flatnonzero(chosen & (self.status == Status.AT_LIMIT)))
+        self._settle(np.flatnonzero(chosen & (self.status == AT_LIMIT)))
         self._say_why(np.flatnonzero(self.status == NOT_REACHED))
 
     def _settle(self, rows: IntArray) -> IntArray:
@@ -215,6 +218,8 @@ class Search:
         limits, least = self.goals.limits, self._values["near"]
         at = self.last.p[rows] @ limits.matrix.T
         near = (at - limits.low <= least) | (limits.high - at <= least)
+        if not near.any():
+            return np.zeros((len(rows), limits.matrix.shape[1]), dtype=bool)
         return np.asarray((near[:, :, None] & (limits.matrix != 0)).any(axis=1))
 
     def modes(self, rows: IntArray) -> Modes:
@@ -272,9 +277,9 @@ class Search:
         last = Place(self.last.x[rows].copy(), self.last.p[rows].copy())
         self.drive(chosen, least=0.5)
         self.status[self._not_stable(chosen)] = Status.UNSTABLE
-        now, limited = self.status[rows], before["status"] == Status.AT_LIMIT
+        now, limited = self.status[rows], before["status"] == AT_LIMIT
         nearer = np.linalg.norm(self.errors[rows], axis=1) < np.linalg.norm(before["errors"], axis=1)
-        better = (now == Status.REACHED) | ((now == Status.AT_LIMIT) & (nearer | ~limited))
+        better = (now == REACHED) | ((now == AT_LIMIT) & (nearer | ~limited))
         worse = ~better
         for name, value in before.items():
             self._values[name][rows[worse]] = value[worse]
@@ -289,7 +294,7 @@ class Search:
             self.status[self._not_stable(unstable)] = Status.UNSTABLE
         sound = chosen & (self._first_sign != 0)
         self.origin_errors[sound] = self._first_errors[sound]
-        missed = chosen & (self.status != Status.REACHED)
+        missed = chosen & (self.status != REACHED)
         if self._values["settings"][PULLED] and missed.any():  # the target comes before the middle
             self._values["settings"][PULLED] = 0.0
             self.sought(missed)
@@ -316,17 +321,17 @@ class Search:
 
         A result, ``AT_LIMIT``, only where that is stable and within the limits of shapes.
         """
-        if (self.status == Status.REACHED).all():
+        if (self.status == REACHED).all():
             return
         nearer = np.linalg.norm(self.origin_errors, axis=1) < np.linalg.norm(self.errors, axis=1)
-        rows = np.flatnonzero(nearer & (self.status != Status.REACHED))
+        rows = np.flatnonzero(nearer & (self.status != REACHED))
         if not len(rows):
             return
         ended, errors = self.last.copy(), self.errors.copy()
         self.here.x[rows], self.here.p[rows] = self.origin_unknowns[rows], self.origin[rows]
         settled = self._settled(rows)
         self.last.put(settled, self.here)
-        results = settled[self.status[settled] == Status.AT_LIMIT]
+        results = settled[self.status[settled] == AT_LIMIT]
         unfit = np.setdiff1d(rows, settled)
         if len(results):
             unfit = np.union1d(unfit, results[self.unstable(results) | self.beyond(results)])
@@ -352,17 +357,18 @@ class Search:
 
     def _found(self) -> BoolArray:
         """Which are results."""
-        return np.asarray((self.status == Status.REACHED) | (self.status == Status.AT_LIMIT))
+        return np.asarray((self.status == REACHED) | (self.status == AT_LIMIT))
 
     def _not_stable(self, chosen: BoolArray) -> BoolArray:
         result = np.zeros(len(chosen), dtype=bool)
         rows = np.flatnonzero(chosen & self._found())
-        result[rows] = self.unstable(rows)
+        if len(rows):
+            result[rows] = self.unstable(rows)
         return result
 
     def leave(self) -> None:
         """Leave the problem's buffers at ``last``, and what its own test refuses as failed."""
-        self.status[self._settle(np.flatnonzero(self.status == Status.AT_LIMIT))] = Status.UNREACHABLE
+        self.status[self._settle(np.flatnonzero(self.status == AT_LIMIT))] = Status.UNREACHABLE
         if self.goals.of_shape is not None:
             rows = np.flatnonzero(self._found())
             self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start

@@ -17,7 +17,7 @@ from multirod.status import Status, failures
 from multirod.tasks.formulation import Task, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
 from multirod.tasks.reaching.redundancy import steadied
-from multirod.tasks.reaching.search import Goals, Place, Prefer, Search
+from multirod.tasks.reaching.search import REACHED, Goals, Place, Prefer, Search
 from multirod.tasks.reaching.sliding import slid
 from multirod.tasks.rows import Pose
 from multirod.validation import (
@@ -81,15 +81,17 @@ def search_part(
         max_integrations=work.max_integrations,
     )
     sound = ~failures(status)
-    x = np.where(sound[:, None], problem.adopt(work.unknowns[piece]), 0.0)
-    search = Search(task, goals, x, task.values())
+    x = problem.adopt(work.unknowns[piece])
+    search = Search(task, goals, x if sound.all() else np.where(sound[:, None], x, 0.0), task.values())
     within = sound.copy()
-    rows = np.flatnonzero(sound)
-    within[rows] = ~search.beyond(rows)
+    if work.of_shape is not None:
+        rows = np.flatnonzero(sound)
+        within[rows] = ~search.beyond(rows)
     search.sought(within)
-    search.status[~sound], search.status[sound & ~within] = status[~sound], Status.OUT_OF_LIMITS
+    if not within.all():
+        search.status[~sound], search.status[sound & ~within] = status[~sound], Status.OUT_OF_LIMITS
     if work.of_shape is not None and not work.robot.batch_shape and work.target.across is None:
-        _along_limits(work, search, piece, np.flatnonzero(within & (search.status != Status.REACHED)))
+        _along_limits(work, search, piece, np.flatnonzero(within & (search.status != REACHED)))
     if work.starts:
         _from_elsewhere(work, search, piece, sound)
     if work.prefer == "stability":
@@ -129,13 +131,13 @@ def _along_limits(work: Work, search: Search, piece: slice, rows: IntArray) -> N
     chosen = np.zeros(len(search.status), dtype=bool)
     chosen[rows] = True
     search.tried(chosen)
-    left = search.status[rows] != Status.REACHED
+    left = search.status[rows] != REACHED
     search.rest_at_limit(rows[left], Place(place.x[left], place.p[left]))
 
 
 def _from_elsewhere(work: Work, search: Search, piece: slice, sound: NDArray[np.bool_]) -> None:
     """Try again from other starts, for each instance the nearest ones first."""
-    open_ = sound & (search.status != Status.REACHED)
+    open_ = sound & (search.status != REACHED)
     if not open_.any():
         return
     pool = _pool(work, search, piece)
@@ -161,7 +163,7 @@ def _from_elsewhere(work: Work, search: Search, piece: slice, sound: NDArray[np.
         chosen = np.zeros(len(open_), dtype=bool)
         chosen[rows] = True
         search.tried(chosen)
-        open_ &= search.status != Status.REACHED
+        open_ &= search.status != REACHED
 
 
 def _pool(work: Work, search: Search, piece: slice) -> _Pool:
