@@ -613,6 +613,6 @@ def test_what_a_chain_takes_grows_with_its_rods():
         problem = robot.problem(robot.inputs(), integrator=RK4)
         problem.write("unknowns", problem.guess())
         problem.integrate()
-        factors = problem.elimination.factors(problem.numbers()[0])
+        factors = problem.elimination.factors(problem.closing.numbers()[0])
         filled.append((factors.L.nnz + factors.U.nnz) / count)
     assert filled[1] == pytest.approx(filled[0], rel=0.2)

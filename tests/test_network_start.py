@@ -74,8 +74,8 @@ def test_what_has_to_bend_is_put_together_step_by_step():
     problem = robot.problem(inputs, integrator=RK4)
     together = problem.joints.together()
     assert together.sound.tolist() == [False, True]
-    assert not problem.soft.any()
-    assert not problem.opening[0].any()
+    assert not problem.closing.soft.any()
+    assert not problem.closing.opening[0].any()
     both = mr.solve(robot, inputs, solver=EXACT)
     assert (both.status == mr.Status.CONVERGED).all()
     for k in range(2):  # each is what it is alone
@@ -99,7 +99,7 @@ def test_the_path_from_the_network_taken_apart_has_a_potential():
     drawn = draw(76)
     problem = drawn.robot.problem(drawn.inputs, integrator=RK4)
     x = problem.guess()
-    assert problem.soft.all()
+    assert problem.closing.soft.all()
     for level in (0.1, 0.2):
         with problem.everyone(), problem.at_load(level):
             for _ in range(6):

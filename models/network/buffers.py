@@ -11,6 +11,7 @@ from multirod.models.network.elements import records
 from multirod.models.network.elements.elements import POSE
 from multirod.models.network.elements.groups import ALONG, ON_RODS
 from multirod.models.network.places import FIXED, FOLLOWING, LOADED, PER_ROD
+from multirod.models.network.poses import ground_of
 from multirod.problem.buffers import BUFFERS
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def networks_of(problem: "NetworkProblem") -> Struct:
         array(values, dtype) for values, dtype in zip(problem.reference, (wp.vec3d, wp.mat33d), strict=True)
     )
     own.mass, own.mass_centre = array(graph.mass), array(graph.mass_centre, wp.vec3d)
-    own.ground_rotation = array(problem.ground()[1], wp.mat33d)
+    own.ground_rotation = array(ground_of(problem)[1], wp.mat33d)
     own.fixed_position, own.fixed_rotation = array(problem.fixed[0], wp.vec3d), array(problem.fixed[1], wp.mat33d)
     own.pulled_out = wp.zeros(count, dtype=wp.int32, device=device)
     own.opening, own.soft = zeros(count, problem.unknown_count), zeros(count)

@@ -11,6 +11,7 @@ from multirod.capabilities import Shapes
 from multirod.integrators import Integrator
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.members.driven import LinesOfGroups
+from multirod.models.network.closing import ARRAYS
 from multirod.models.network.derivatives.along import at_rates, by_network
 from multirod.models.network.derivatives.designs import by_numbers
 from multirod.models.network.elements import records
@@ -46,8 +47,8 @@ class NetworkParts(PartsAtEqualSteps["NetworkProblem"]):
         result.stop = whole.stop
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
-        for name in ("opening", "soft", "loading", "shift"):
-            getattr(result, name)[:] = getattr(whole, name)[instances]
+        for name in ARRAYS:
+            getattr(result.closing, name)[:] = getattr(whole.closing, name)[instances]
         return result
 
 

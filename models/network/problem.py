@@ -5,8 +5,7 @@ what its ends say of the bodies is an element (``elements.py``), and residual an
 put together by ``network_kernels.py``; ``entries.py`` says where they stand, and how ``Gamma`` is eliminated along the graph.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -15,36 +14,34 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
-from multirod.capabilities import LineTest, Loading, ResultTest
+from multirod.capabilities import LineTest, ResultTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import Launch, record
 from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.passes.lane_pass import width
 from multirod.models.backbone.starts import twisted
-from multirod.models.joint_kernels import AT_REST
 from multirod.models.network import network_kernels as kernels
 from multirod.models.network.buffers import networks_of
 from multirod.models.network.capabilities import NetworkLines, NetworkParts, NetworkShapes
+from multirod.models.network.closing import Closing
 from multirod.models.network.derivatives.along import NetworkSensing, columns_along
 from multirod.models.network.derivatives.designs import Aim, Columns, columns_of
 from multirod.models.network.elements.element_kernels import form
-from multirod.models.network.elements.elements import GAP_AT, POSE, Frames
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds
 from multirod.models.network.graph import Graph
 from multirod.models.network.places import FOLLOWING, LOADED, blocks_of, driven_place, input_places
+from multirod.models.network.poses import frames_of
 from multirod.models.network.stability.clamps import NetworkClamps
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.models.network.stability.form_rows import FormRows
 from multirod.models.network.stability.stability import NetworkStability
-from multirod.models.network.starting import Apart, NetworkJoints, NetworkStarts, taken_apart
+from multirod.models.network.starting import NetworkJoints, NetworkStarts
 from multirod.models.network.state import State
-from multirod.problem import STILL, BoundaryProblem, neutral_ways
-from multirod.rotations import vectors
+from multirod.problem import BoundaryProblem
 from multirod.status import Status
 from multirod.validation import FloatArray
 
-CLOSED = 1e-4  # of a length, that a gap is closed to
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 
 
@@ -133,14 +130,8 @@ class NetworkProblem(BoundaryProblem):
         self.reference = graph.reference(self.length[:, : self.rod_count], shape)
         self.fixed = graph.fixed_poses(count, shape)
         self.networks = networks_of(self)
-        # of the path from the network taken apart, as NumPy sees what the kernels read
-        own = self.networks
-        self.opening, self.soft, self.shift, self.loading = (
-            array.numpy() for array in (own.opening, own.soft, own.shift, own.loading)
-        )
-        self.loading[:] = int(Loading.RISING)
+        self.closing = Closing(self)
         self._launches = self._record()
-        self._found: Apart | None = None
         self._aims: dict[tuple[str, ...], Aim] = {}
         self._followed: Aim | None = None  # whose directions depend on inputs or unknowns
         self.write("inputs", self.pack(inputs))
@@ -185,23 +176,7 @@ class NetworkProblem(BoundaryProblem):
 
     def undetermined(self) -> NDArray[np.bool_]:
         """(32) Told where gaps are closed: taken apart, rods may be straight that are not together."""
-        held = self.graph.ends[1].held
-        gaps = self.read("residual")[:, self.places[held, GAP_AT].reshape(-1)] * np.repeat(
-            self.length[:, : self.rod_count][:, held], 3, axis=1
-        )
-        return np.asarray(super().undetermined() & (np.abs(gaps).max(axis=1, initial=0.0) < CLOSED))
-
-    def loose(self) -> list[str]:
-        """(33) Told by the network taken apart and unloaded, whose rods give way along themselves."""
-        names, gamma = [""] * self.instance_count, self.apart().gamma
-        rods = np.concatenate([self.places[k, :own] for k, own in enumerate(self.graph.own.tolist())])
-        for k in np.flatnonzero(np.isfinite(gamma).all(axis=1)).tolist() if self.body_count else ():
-            neutral = neutral_ways(self.entries.dense(gamma[k]))
-            if len(neutral) and np.abs(neutral[:, rods]).max() < STILL:
-                moves = neutral[:, self.first_pose :].reshape(len(neutral), self.body_count, POSE).copy()
-                moves[..., :3] *= self.length[k, None, self.rod_count :, None]
-                names[k] = self.graph.bodies[int(np.linalg.norm(moves, axis=(0, 2)).argmax())].name
-        return names
+        return np.asarray(super().undetermined() & self.closing.is_closed())
 
     def _forces(self, rods: NDArray[np.intp]) -> NDArray[np.intp]:
         """Unknowns that are forces at the bases of some rods."""
@@ -270,16 +245,10 @@ class NetworkProblem(BoundaryProblem):
         self.__dict__.pop("conjugates", None)
         for group in self.groups:
             group.backbones._clear()
-        self.opening[:], self.soft[:], self.shift[:] = 0.0, 0.0, 0.0
-        self.loading[:] = int(Loading.RISING)
-        self._found, self.inputs_given = None, inputs
+        self.closing.clear()
+        self.inputs_given = inputs
         self.write("inputs", self.pack(inputs))
         return True
-
-    def level(self) -> FloatArray:
-        """What multiplies the loads of each instance, shape (instance_count,)."""
-        factor = self.load_factor.numpy()
-        return np.where(self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor))
 
     @property
     def launches(self) -> tuple[Any, ...] | None:
@@ -313,9 +282,7 @@ class NetworkProblem(BoundaryProblem):
     def _launch(self, launches: Sequence[Any]) -> None:
         """Some of the launches, in order."""
         if self._host is None:
-            own = self.networks
-            for name in ("opening", "soft", "shift", "loading"):
-                getattr(own, name).assign(getattr(self, name))
+            self.closing.write()
         for launch in launches:
             launch.launch()
         if launches[-1] is self._launches[-1] and self.elimination is not None and "gamma" in vars(self):  # asked for whole
@@ -335,27 +302,6 @@ class NetworkProblem(BoundaryProblem):
     def _assemble(self) -> None:
         """(5) to (12) Residual, ``Gamma``, columns and pose of all instances, their rods integrated."""
         self._launch([self._launches[0], *self._launches[3:-1:3], self._launches[-1]])
-
-    def reference_state(self) -> State:
-        """All instances where the poses of bodies are zero."""
-        kept = self.read("unknowns")
-        at_zero = kept.copy()
-        at_zero[:, self.first_pose :] = 0.0
-        self.write("unknowns", at_zero)
-        state = self.state()
-        self.write("unknowns", kept)
-        return state
-
-    def forces(self, state: State) -> tuple[FloatArray, FloatArray]:
-        """Dead forces on bodies and tips, and weights of bodies, shapes (instance, place, 3), (instance, body, 3)."""
-        level = state.level[:, None, None]
-        weight = level * self.graph.mass[:, None] * state.take(self, "gravity")[:, None]
-        return level * self._on_places(state, LOADED[0]), weight
-
-    def _on_places(self, state: State, name: str) -> FloatArray:
-        """What acts on bodies and tips, shape (instance, place, 3)."""
-        values = state.take(self, name)
-        return values.reshape(*values.shape[:-1], len(self.graph.load_places), 3)
 
     def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
         """As said; where a rod was pulled out of a hole on the way, since this was asked last, that was no number."""
@@ -402,128 +348,33 @@ class NetworkProblem(BoundaryProblem):
         own = [slice(*(start + self.graph.first_tube[rod : rod + 2])) for rod in self.graph.slides.owner.tolist()]
         return part_ends(self, names, zip(self.graph.arrays, own, strict=True))
 
-    def ground(self) -> tuple[FloatArray, FloatArray]:
-        """Position [m] and rotation of the ground in the world, shapes (instance_count, 3), (instance_count, 3, 3)."""
-        base = np.broadcast_to(self.graph.base, (*self.batch_shape, 4, 4)).reshape(-1, 4, 4)
-        return base[:, :3, 3], base[:, :3, :3]
-
-    # ---- bodies ----
-
-    def frames(self) -> Frames:
-        """(4) The ground and the bodies at ``unknowns``."""
-        with self.everyone():
-            self._launch(self._launches[:1])
-        own = self.networks
-        position, rotation, turns = (np.array(array.numpy()) for array in (own.body_position, own.body_rotation, own.body_turns))
-        return Frames(position, rotation, turns, self.reference[1])
-
-    def pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
-        """(4) The unknowns (instance_count, 6 body_count) at poses (instance_count, body, ...)."""
-        L = self.length[:, self.rod_count :, None]
-        reference_position, reference = self.reference
-        back = np.swapaxes(reference, -1, -2)
-        move = np.einsum("bkij,bkj->bki", back, position - reference_position) / L**2
-        turn = vectors((back @ rotation).reshape(-1, 3, 3)).reshape(position.shape) / L
-        return np.asarray(np.concatenate([move, turn], axis=-1).reshape(self.instance_count, -1))
-
     def body_poses(self) -> tuple[FloatArray, FloatArray]:
         """Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) at ``unknowns``: of the bodies that move,
         then of those that are fixed."""
-        frames = self.frames()
+        frames = frames_of(self)
         return frames.position[:, 1:], frames.rotation[:, 1:]
-
-    def fixed_poses(self) -> tuple[FloatArray, FloatArray]:
-        """(34) Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) of the bodies that are fixed."""
-        frames, first = self.frames(), 1 + self.body_count
-        return frames.position[:, first:], frames.rotation[:, first:]
 
     # ---- where the search begins ----
 
-    def guess(self) -> FloatArray:
-        """Rods at rest, and bodies where they fit them best (``docs/networks.md``, 13).
-
-        What the residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (12).
-        """
-        apart = self.apart()
-        held = np.flatnonzero(self.graph.ends[1].held)
-        gaps, residual = self.places[held, GAP_AT], np.array(apart.residual)
-        # (29) in the frames of what holds the tips
-        gap = self.length[:, held, None] ** 2 * residual[:, gaps]
-        self.shift[:, held] = (apart.turned[:, held] @ gap[..., None])[..., 0]
-        residual[:, gaps] = 0.0
-        self.open_at(apart.unknowns, residual)
-        return np.array(apart.unknowns)
-
-    def open_at(self, unknowns: FloatArray, residual: FloatArray) -> None:
-        """Make ``unknowns`` an equilibrium where ``load_factor`` is 0, by the residual there.
-
-        Ends of rods give way on the way only where no rod carries a force yet.
-        """
-        forces = unknowns[:, self._forces(np.arange(self.rod_count))]
-        self.opening[:], self.soft[:] = residual, (np.abs(forces).max(axis=1) < AT_REST * self.curvature_scale())
+    def guess(self) -> FloatArray:  # noqa: D102
+        return self.closing.begin()
 
     @property
-    def natural_singular_value(self) -> FloatArray:
-        """That at ``guess``, 1 at most."""
-        gamma, least, own = self.apart().gamma, np.ones(self.instance_count), self.entries
-        for k in np.flatnonzero(np.isfinite(gamma).all(axis=1)).tolist():
-            if own.elimination is not None:
-                least[k] = own.elimination.least_singular_value(gamma[k])
-            else:
-                least[k] = np.linalg.svd(own.dense(gamma[k]), compute_uv=False)[-1]
-        return np.minimum(least, 1.0)
+    def natural_singular_value(self) -> FloatArray:  # noqa: D102
+        return self.closing.singular_value()
 
-    def apart(self) -> Apart:
-        """The network taken apart at the present inputs; found once for all who ask."""
-        inputs = self.read("inputs")[:, : self.input_slice(LOADED[0]).start]
-        if self._found is None or not np.array_equal(self._found.inputs, inputs):
-            self._found = taken_apart(self, inputs)
-        return self._found
+    def loose(self) -> list[str]:  # noqa: D102
+        return self.closing.loose()
 
     def state(self) -> State:
         """Of all instances."""
         return State(self)
-
-    def numbers(self) -> FloatArray:
-        """What is kept of ``Gamma``, shape (instance_count, k)."""
-        return self.read("gamma") if self.elimination is None else self.numbers_of_gamma(np.arange(self.instance_count))
-
-    def newton_step(self, numbers: FloatArray, residual: FloatArray) -> FloatArray:
-        """Newton's step [1/m] by the ``numbers`` that are kept of ``Gamma``, (instance_count, k), shape (instance_count, n); NaN
-        where ``Gamma`` is singular."""
-        result = np.full(residual.shape, np.nan)
-        for k in np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(numbers).all(axis=1)).tolist():
-            if self.elimination is not None:
-                result[k] = -self.elimination.solved(numbers[k], residual[k])
-                continue
-            try:
-                result[k] = -np.linalg.solve(self.entries.dense(numbers[k]), residual[k])
-            except np.linalg.LinAlgError:
-                continue
-        return result
 
     def twisted(self, x: FloatArray, numbers: IntArray) -> FloatArray:
         """Unknowns with the tubes of rods turned against each other, as ``models.backbone.starts.twisted`` has it; where nothing
         holds their tip they are bent too."""
         members = [(group.backbones, group.members.tolist()) for group in self.groups]
         return twisted(members, x, numbers, lambda rod: self.places[rod], self.graph.free.tolist())
-
-    @contextmanager
-    def unloaded(self) -> Iterator[None]:
-        """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
-        kept = (self.fault, self.step_count, self.residual_directions, self.pose_columns)
-        values = [np.array(array.numpy()) for array in kept]
-        records = self.snapshot()
-        own = [np.array(values) for values in (self.opening, self.soft, self.loading, self.shift)]
-        self.opening[:], self.soft[:], self.loading[:], self.shift[:] = 0.0, 0.0, int(Loading.NONE), 0.0
-        try:
-            with self.everyone(), self.at_load(0.0):
-                yield
-        finally:
-            self.restore(records)
-            for array, before in zip(kept, values, strict=True):
-                array.assign(before)
-            self.opening[:], self.soft[:], self.loading[:], self.shift[:] = own
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         own = [group.backbones.curvature_scale().reshape(self.instance_count, -1) for group in self.groups]
@@ -544,6 +395,6 @@ class NetworkProblem(BoundaryProblem):
         total += gravity * (self.graph.mass * L[:, bodies] ** 2 / EI[:, bodies]).sum(axis=1)
         held = self.graph.ends[1].held
         if held.any():
-            gap = self.apart().residual[:, self.places[held, :6]] * L[:, : self.rod_count][:, held, None]
+            gap = self.closing.apart().residual[:, self.places[held, :6]] * L[:, : self.rod_count][:, held, None]
             total += (GAP_LOAD * np.linalg.norm(gap[..., :3], axis=2) + np.linalg.norm(gap[..., 3:], axis=2)).max(axis=1)
         return np.asarray(total)

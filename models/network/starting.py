@@ -15,6 +15,7 @@ from multirod.models.backbone.starts import APART
 from multirod.models.network.elements.elements import GAP_AT
 from multirod.models.network.elements.groups import ON_RODS
 from multirod.models.network.joining.placing import placed
+from multirod.models.network.poses import fixed_poses, pose_unknowns
 from multirod.models.platform.starting.starts import crowded
 from multirod.validation import FloatArray
 
@@ -48,7 +49,7 @@ class Apart:
 
 def taken_apart(problem: "NetworkProblem", inputs: FloatArray) -> Apart:
     """The network taken apart; ``inputs`` are the present ones that are no loads on bodies."""
-    with problem.unloaded(), np.errstate(all="ignore"):
+    with problem.closing.unloaded(), np.errstate(all="ignore"):
         x = np.zeros((problem.instance_count, problem.unknown_count))
         for group in problem.groups:
             own = group.backbones.guess().reshape(problem.instance_count, len(group.members), -1)
@@ -56,12 +57,12 @@ def taken_apart(problem: "NetworkProblem", inputs: FloatArray) -> Apart:
         for at, end in zip(problem.layout.angles_at, problem.graph.ends, strict=True):
             _set_angles(problem, x, at, np.broadcast_to(end.table.rest, (problem.instance_count, *end.table.rest.shape)))
         problem.write("unknowns", x)
-        problem.soft[:] = 1.0
+        problem.closing.soft[:] = 1.0
         problem.integrate()
         _place(problem, x)
         problem.write("unknowns", x)
         problem._assemble()
-        gamma, (base, tip) = np.array(problem.numbers()), problem.state().ends
+        gamma, (base, tip) = np.array(problem.closing.numbers()), problem.state().ends
         turned = problem.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation
         return Apart(inputs, x, problem.read("residual"), gamma, turned)
 
@@ -73,10 +74,10 @@ def _place(problem: "NetworkProblem", x: FloatArray) -> None:
     for group in problem.groups:
         tip[:, group.members], turn[:, group.members] = group.tips()
     driven = problem.read("inputs")[:, problem.driven_place] if problem.graph.is_driven else None
-    placing = problem.graph.placing(problem.instance_count, problem.batch_shape, driven, problem.fixed_poses())
+    placing = problem.graph.placing(problem.instance_count, problem.batch_shape, driven, fixed_poses(problem))
     position, rotation = placed(placing, tip, turn)
     moving = slice(1, 1 + problem.body_count)
-    x[:, problem.first_pose :] = problem.pose_unknowns(position[:, moving], rotation[:, moving])
+    x[:, problem.first_pose :] = pose_unknowns(problem, position[:, moving], rotation[:, moving])
     problem.write("unknowns", x)
     base, end = problem.state().ends
     inward = np.swapaxes(end.frame, -1, -2)
@@ -105,10 +106,10 @@ class NetworkStarts(Starts):
     def guesses(self, count: int, first: int = 0) -> FloatArray:
         """Poses of the bodies around those of the network taken apart, and rods bent there to first order."""
         problem = self.problem
-        x = problem.apart().unknowns
+        x = problem.closing.apart().unknowns
         result = np.empty((count, *x.shape))
         for k, number in enumerate(range(first, first + count)):
-            with problem.unloaded():
+            with problem.closing.unloaded():
                 numbers = np.full(len(x), number)
                 result[k] = problem.twisted(self._bent(moved(problem, x, numbers)), numbers)
         return result
@@ -145,7 +146,7 @@ class NetworkJoints(Joints):
     def apart(self, numbers: IntArray | None = None) -> FloatArray:
         """Rods at rest and bodies as near to their ends as they can be, or around there."""
         problem = self.problem
-        x = np.array(problem.apart().unknowns)
+        x = np.array(problem.closing.apart().unknowns)
         if numbers is None:
             return problem.guess()
         x = problem.twisted(moved(problem, x, np.asarray(numbers)), np.asarray(numbers))
@@ -157,18 +158,18 @@ class NetworkJoints(Joints):
         self.shut()
         with problem.everyone(), problem.at_load(0.0):
             residual = problem.evaluate(unknowns)[0]
-        problem.open_at(unknowns, residual)
+        problem.closing.open_at(unknowns, residual)
 
     def together(self) -> Together:
         """(30) By Newton's method from the network taken apart, where its steps soon become much shorter."""
         problem = self.problem
-        apart = problem.apart()
-        step = problem.newton_step(apart.gamma, apart.residual)
+        apart = problem.closing.apart()
+        step = problem.closing.newton_step(apart.gamma, apart.residual)
         unknowns, residual = np.array(apart.unknowns), np.zeros_like(apart.residual)
         first = before = np.linalg.norm(step, axis=1)
         sound, on = np.zeros(problem.instance_count, dtype=bool), np.isfinite(before)
         integrations = np.full(problem.instance_count, problem.guess_integrations)
-        with problem.unloaded(), np.errstate(all="ignore"):
+        with problem.closing.unloaded(), np.errstate(all="ignore"):
             for _ in range(CLOSING):
                 unknowns[on] += step[on]
                 problem.write("unknowns", unknowns)
@@ -177,7 +178,7 @@ class NetworkJoints(Joints):
                 found, faults = problem.read("residual"), problem.fault.numpy() != 0
                 residual[on] = found[on]
                 integrations += on
-                step = problem.newton_step(problem.numbers(), found)
+                step = problem.closing.newton_step(problem.closing.numbers(), found)
                 size = np.linalg.norm(step, axis=1)
                 sound |= on & ~faults & (size <= CONTRACTION * before)
                 on &= ~faults & ~sound & (size <= WIDEST * first)
@@ -185,15 +186,15 @@ class NetworkJoints(Joints):
                 if not on.any():
                     break
         self.shut()
-        problem.opening[:] = np.where(sound[:, None], residual, 0.0)
+        problem.closing.opening[:] = np.where(sound[:, None], residual, 0.0)
         return Together(unknowns, sound, integrations)
 
     def close(self, loading: Loading) -> None:  # noqa: D102
-        self.problem.loading[:] = int(loading)
+        self.problem.closing.loading[:] = int(loading)
 
     def shut(self) -> None:  # noqa: D102
         problem = self.problem
-        problem.opening[:], problem.soft[:], problem.shift[:] = 0.0, 0.0, 0.0
+        problem.closing.opening[:], problem.closing.soft[:], problem.closing.shift[:] = 0.0, 0.0, 0.0
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         rows = self.problem.read("inputs")

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.models.network.elements.elements import Holding
+from multirod.models.network.places import LOADED
+from multirod.models.network.poses import frames_of
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -22,8 +24,8 @@ class State:
         own = problem
         x = own.read("unknowns")
         self.inputs = own.read("inputs")
-        self.level = own.level()
-        self.frames = own.frames()
+        self.level = own.closing.level()
+        self.frames = frames_of(own)
         length = own.length[:, : own.rod_count]
         padded = np.concatenate([x, np.zeros((len(x), 1))], axis=1)
         self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in own.layout.angles_at]
@@ -31,7 +33,7 @@ class State:
             driven = own.graph.driven_angles(self.inputs[..., own.driven_place])
             self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]
         left = (1 - own.load_factor.numpy())[:, None, None]
-        arms = own.attachments[0][0], own.attachments[1][0] + left * own.shift  # (29)
+        arms = own.attachments[0][0], own.attachments[1][0] + left * own.closing.shift  # (29)
         self.ends = [
             Holding(self.frames, end.stand, (arms[k], own.attachments[k][1]), end.table.at(self.angles[k]))
             for k, end in enumerate(own.graph.ends)
@@ -40,3 +42,22 @@ class State:
     def take(self, problem: "NetworkProblem", name: str) -> FloatArray:
         """An input, shape (instance, size)."""
         return np.asarray(self.inputs[..., problem.input_slice(name)])
+
+
+def reference_state(problem: "NetworkProblem") -> State:
+    """All instances where the poses of bodies are zero."""
+    kept = problem.read("unknowns")
+    at_zero = kept.copy()
+    at_zero[:, problem.first_pose :] = 0.0
+    problem.write("unknowns", at_zero)
+    state = problem.state()
+    problem.write("unknowns", kept)
+    return state
+
+
+def forces_on(problem: "NetworkProblem", state: State) -> tuple[FloatArray, FloatArray]:
+    """Dead forces on bodies and tips, and weights of bodies, shapes (instance, place, 3), (instance, body, 3)."""
+    level = state.level[:, None, None]
+    weight = level * problem.graph.mass[:, None] * state.take(problem, "gravity")[:, None]
+    values = state.take(problem, LOADED[0])
+    return level * values.reshape(*values.shape[:-1], len(problem.graph.load_places), 3), weight

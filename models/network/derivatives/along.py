@@ -10,6 +10,7 @@ from multirod.models.backbone.derivatives.designs import POSE, carried
 from multirod.models.network.derivatives.designs import Aim, by_numbers
 from multirod.models.network.elements.elements import TURNING
 from multirod.models.network.places import FIXED
+from multirod.models.network.poses import ground_of
 from multirod.rotations import cross
 from multirod.validation import FloatArray
 
@@ -48,7 +49,7 @@ def columns_along(problem: "NetworkProblem", names: Sequence[str], rod: int, pla
     arm = (base[:, None] @ lever[..., None])[..., 0]
     result["rotation"] += turn[:, None]
     result["position"] += move[:, None] + np.swapaxes(cross(np.swapaxes(turn, 1, 2)[:, None], arm[:, :, None]), 2, 3)
-    arm += (problem.state().ends[0].position[:, member] - problem.ground()[0])[:, None]
+    arm += (problem.state().ends[0].position[:, member] - ground_of(problem)[0])[:, None]
     rigid = carried(arm.reshape(-1, 3)).reshape(*arm.shape[:2], 2, 3, POSE)
     for own in aim.numbers_of("base"):  # (D10)
         for k, name in enumerate(("position", "rotation")):
@@ -98,7 +99,7 @@ def base_columns(problem: "NetworkProblem", aim: Aim, rod: int) -> tuple[FloatAr
         turned = turned @ np.swapaxes(frames.turns[:, stand], 1, 2)
         along_turn += np.swapaxes(turned, 1, 2)
         along_move += np.swapaxes(moved + cross(turned, np.broadcast_to(arm[:, None], turned.shape)), 1, 2)
-    axes = frames.rotation[:, stand] if stand else problem.ground()[1]
+    axes = frames.rotation[:, stand] if stand else ground_of(problem)[1]
     for columns in aim.every:
         if columns.name == "joint_pose":
             along_move[..., columns.start : columns.start + 3] += axes

@@ -15,6 +15,7 @@ from multirod.models.network.elements.elements import TURNING, Elements
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup
 from multirod.models.network.graph import ENDS, Graph
 from multirod.models.network.places import LOADED
+from multirod.models.network.poses import ground_of
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -188,7 +189,7 @@ class Aim:
             slopes -= problem.read("gamma").reshape(-1, n, n) @ rates
             moved -= problem.pose_columns.numpy()[:, :, :n] @ rates
         for own in self.numbers_of("base"):  # (D10)
-            moved[:, :, own] += carried(position - problem.ground()[0])
+            moved[:, :, own] += carried(position - ground_of(problem)[0])
         return slopes, moved
 
     def numbers_of(self, name: str) -> Iterator[slice]:

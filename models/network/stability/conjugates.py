@@ -99,10 +99,10 @@ class NetworkConjugates(Conjugates):
         """That of the unloaded network, whose rods give way along themselves: where soft rods stand beside stiff ones, it is far
         below 1."""
         problem, result = self.problem, np.ones(self.problem.instance_count)
-        apart = problem.apart().unknowns
-        with problem.unloaded(), np.errstate(all="ignore"):
+        apart = problem.closing.apart().unknowns
+        with problem.closing.unloaded(), np.errstate(all="ignore"):
             problem.write("unknowns", apart)
-            problem.soft[:] = 1.0
+            problem.closing.soft[:] = 1.0
             problem.integrate()
             try:
                 form = self.reduced(problem).form

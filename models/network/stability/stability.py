@@ -20,6 +20,7 @@ from multirod.models.network.elements.elements import GAP_AT, OWN, TURN_AT, Elem
 from multirod.models.network.joining.joints import MOST
 from multirod.models.network.joining.sliding import slid
 from multirod.models.network.stability.spectrum import NEAREST, SPARSE, block_diagonal, nearest_to_zero
+from multirod.models.network.state import forces_on, reference_state
 from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
 
@@ -324,14 +325,14 @@ class NetworkStability(StabilityAnalysis):
             for group in problem.groups:
                 for part in group.backbones.shapes.stored_and_lost():
                     total += part.reshape(count, -1).sum(axis=1)
-        zero = problem.reference_state()
+        zero = reference_state(problem)
         # of a rod in pieces, whose weights change, from where its first piece begins
         slides = graph.slides
         first = np.array([slides.of(rod)[0] for rod in slides.owner.tolist()])
         begin = zero.ends[0].origin
         moved = state.ends[0].position - begin[:, first]
         total -= (carried * moved).sum(axis=(1, 2))
-        force, weight = problem.forces(state)
+        force, weight = forces_on(problem, state)
         for frames, sense in ((state.frames, 1.0), (zero.frames, -1.0)):
             position, rotation = frames.position[:, frames.moving], frames.rotation[:, frames.moving]
             centre = position + np.einsum("bkij,kj->bki", rotation, graph.mass_centre)

@@ -1,0 +1,160 @@
+"""The path from the network taken apart to the network: what is open where loads are zero, and how it closes.
+
+Numbers in parentheses are those of ``docs/networks.md``.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.capabilities import Loading
+from multirod.models.joint_kernels import AT_REST
+from multirod.models.network.elements.elements import GAP_AT, POSE
+from multirod.models.network.places import LOADED
+from multirod.models.network.starting import Apart, taken_apart
+from multirod.problem import STILL, neutral_ways
+from multirod.status import BoolArray
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.network.problem import NetworkProblem
+
+CLOSED = 1e-4  # of a length, that a gap is closed to
+ARRAYS = ("opening", "soft", "shift", "loading")
+
+
+class Closing:
+    """Of a ``NetworkProblem``.
+
+    Attributes:
+        opening: Residual where ``load_factor`` is 0, shape (instance_count, n).
+        soft: Whether ends of rods give way on the way, shape (instance_count,).
+        shift: (29) Where tips are held there, in the frames of the bodies [m], shape (instance_count, rod, 3).
+        loading: How loads act on the way, values of ``Loading``, shape (instance_count,).
+    """
+
+    def __init__(self, problem: "NetworkProblem") -> None:
+        self.problem = problem
+        # as NumPy sees what the kernels read
+        own = problem.networks
+        self.opening: FloatArray = own.opening.numpy()
+        self.soft: FloatArray = own.soft.numpy()
+        self.shift: FloatArray = own.shift.numpy()
+        self.loading: NDArray[np.int32] = own.loading.numpy()
+        self.clear()
+
+    def clear(self) -> None:
+        """As at first."""
+        self.opening[:], self.soft[:], self.shift[:] = 0.0, 0.0, 0.0
+        self.loading[:] = int(Loading.RISING)
+        self._found: Apart | None = None
+
+    def write(self) -> None:
+        """To the kernels' arrays, where they are elsewhere."""
+        for name in ARRAYS:
+            getattr(self.problem.networks, name).assign(getattr(self, name))
+
+    def level(self) -> FloatArray:
+        """What multiplies the loads of each instance, shape (instance_count,)."""
+        factor = self.problem.load_factor.numpy()
+        return np.where(self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor))
+
+    def is_closed(self) -> BoolArray:
+        """Whether no gap is open where rods were integrated last, shape (instance_count,)."""
+        problem, held = self.problem, self.problem.graph.ends[1].held
+        length = np.repeat(problem.length[:, : problem.rod_count][:, held], 3, axis=1)
+        gaps = problem.read("residual")[:, problem.places[held, GAP_AT].reshape(-1)] * length
+        return np.asarray(np.abs(gaps).max(axis=1, initial=0.0) < CLOSED)
+
+    def begin(self) -> FloatArray:
+        """Rods at rest, and bodies where they fit them best (``docs/networks.md``, 13).
+
+        What the residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (12).
+        """
+        apart = self.apart()
+        held = np.flatnonzero(self.problem.graph.ends[1].held)
+        gaps, residual = self.problem.places[held, GAP_AT], np.array(apart.residual)
+        # (29) in the frames of what holds the tips
+        gap = self.problem.length[:, held, None] ** 2 * residual[:, gaps]
+        self.shift[:, held] = (apart.turned[:, held] @ gap[..., None])[..., 0]
+        residual[:, gaps] = 0.0
+        self.open_at(apart.unknowns, residual)
+        return np.array(apart.unknowns)
+
+    def open_at(self, unknowns: FloatArray, residual: FloatArray) -> None:
+        """Make ``unknowns`` an equilibrium where ``load_factor`` is 0, by the residual there.
+
+        Ends of rods give way on the way only where no rod carries a force yet.
+        """
+        forces = unknowns[:, self.problem._forces(np.arange(self.problem.rod_count))]
+        self.opening[:], self.soft[:] = residual, (np.abs(forces).max(axis=1) < AT_REST * self.problem.curvature_scale())
+
+    def singular_value(self) -> FloatArray:
+        """That at ``guess``, 1 at most."""
+        gamma, least, own = self.apart().gamma, np.ones(self.problem.instance_count), self.problem.entries
+        for k in np.flatnonzero(np.isfinite(gamma).all(axis=1)).tolist():
+            if own.elimination is not None:
+                least[k] = own.elimination.least_singular_value(gamma[k])
+            else:
+                least[k] = np.linalg.svd(own.dense(gamma[k]), compute_uv=False)[-1]
+        return np.minimum(least, 1.0)
+
+    def loose(self) -> list[str]:
+        """(33) Told by the network taken apart and unloaded, whose rods give way along themselves."""
+        names, gamma = [""] * self.problem.instance_count, self.apart().gamma
+        rods = np.concatenate([self.problem.places[k, :own] for k, own in enumerate(self.problem.graph.own.tolist())])
+        for k in np.flatnonzero(np.isfinite(gamma).all(axis=1)).tolist() if self.problem.body_count else ():
+            neutral = neutral_ways(self.problem.entries.dense(gamma[k]))
+            if len(neutral) and np.abs(neutral[:, rods]).max() < STILL:
+                moves = neutral[:, self.problem.first_pose :].reshape(len(neutral), self.problem.body_count, POSE).copy()
+                moves[..., :3] *= self.problem.length[k, None, self.problem.rod_count :, None]
+                names[k] = self.problem.graph.bodies[int(np.linalg.norm(moves, axis=(0, 2)).argmax())].name
+        return names
+
+    def apart(self) -> Apart:
+        """The network taken apart at the present inputs; found once for all who ask."""
+        inputs = self.problem.read("inputs")[:, : self.problem.input_slice(LOADED[0]).start]
+        if self._found is None or not np.array_equal(self._found.inputs, inputs):
+            self._found = taken_apart(self.problem, inputs)
+        return self._found
+
+    def numbers(self) -> FloatArray:
+        """What is kept of ``Gamma``, shape (instance_count, k)."""
+        problem = self.problem
+        if problem.elimination is None:
+            return problem.read("gamma")
+        return problem.numbers_of_gamma(np.arange(problem.instance_count))
+
+    def newton_step(self, numbers: FloatArray, residual: FloatArray) -> FloatArray:
+        """Newton's step [1/m] by the ``numbers`` that are kept of ``Gamma``, (instance_count, k), shape (instance_count, n); NaN
+        where ``Gamma`` is singular."""
+        result = np.full(residual.shape, np.nan)
+        for k in np.flatnonzero(np.isfinite(residual).all(axis=1) & np.isfinite(numbers).all(axis=1)).tolist():
+            if self.problem.elimination is not None:
+                result[k] = -self.problem.elimination.solved(numbers[k], residual[k])
+                continue
+            try:
+                result[k] = -np.linalg.solve(self.problem.entries.dense(numbers[k]), residual[k])
+            except np.linalg.LinAlgError:
+                continue
+        return result
+
+    @contextmanager
+    def unloaded(self) -> Iterator[None]:
+        """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
+        kept = (self.problem.fault, self.problem.step_count, self.problem.residual_directions, self.problem.pose_columns)
+        values = [np.array(array.numpy()) for array in kept]
+        records = self.problem.snapshot()
+        own = [np.array(values) for values in (self.opening, self.soft, self.loading, self.shift)]
+        self.opening[:], self.soft[:], self.loading[:], self.shift[:] = 0.0, 0.0, int(Loading.NONE), 0.0
+        try:
+            with self.problem.everyone(), self.problem.at_load(0.0):
+                yield
+        finally:
+            self.problem.restore(records)
+            for array, before in zip(kept, values, strict=True):
+                array.assign(before)
+            self.opening[:], self.soft[:], self.loading[:], self.shift[:] = own

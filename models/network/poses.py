@@ -1,0 +1,43 @@
+"""Poses of the ground and of bodies. Numbers in parentheses are those of ``docs/networks.md``."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multirod.models.network.elements.elements import Frames
+from multirod.rotations import vectors
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.network.problem import NetworkProblem
+
+
+def ground_of(problem: "NetworkProblem") -> tuple[FloatArray, FloatArray]:
+    """Position [m] and rotation of the ground in the world, shapes (instance_count, 3), (instance_count, 3, 3)."""
+    base = np.broadcast_to(problem.graph.base, (*problem.batch_shape, 4, 4)).reshape(-1, 4, 4)
+    return base[:, :3, 3], base[:, :3, :3]
+
+
+def frames_of(problem: "NetworkProblem") -> Frames:
+    """(4) The ground and the bodies at ``unknowns``."""
+    with problem.everyone():
+        problem._launch(problem._launches[:1])
+    own = problem.networks
+    position, rotation, turns = (np.array(array.numpy()) for array in (own.body_position, own.body_rotation, own.body_turns))
+    return Frames(position, rotation, turns, problem.reference[1])
+
+
+def pose_unknowns(problem: "NetworkProblem", position: FloatArray, rotation: FloatArray) -> FloatArray:
+    """(4) The unknowns (instance_count, 6 body_count) at poses (instance_count, body, ...)."""
+    L = problem.length[:, problem.rod_count :, None]
+    reference_position, reference = problem.reference
+    back = np.swapaxes(reference, -1, -2)
+    move = np.einsum("bkij,bkj->bki", back, position - reference_position) / L**2
+    turn = vectors((back @ rotation).reshape(-1, 3, 3)).reshape(position.shape) / L
+    return np.asarray(np.concatenate([move, turn], axis=-1).reshape(problem.instance_count, -1))
+
+
+def fixed_poses(problem: "NetworkProblem") -> tuple[FloatArray, FloatArray]:
+    """(34) Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) of the bodies that are fixed."""
+    frames, first = frames_of(problem), 1 + problem.body_count
+    return frames.position[:, first:], frames.rotation[:, first:]
