@@ -307,6 +307,64 @@ def test_just_beyond_its_load_a_hinged_strip_is_bent_as_the_elastica_says():
         assert event.said.endswith(f"rod along ({sign:.3f}, 0.000, 0.000), its twin against it")
 
 
+@pytest.mark.parametrize("stiff", [4.0, 1.0], ids=["strip", "round"])
+def test_between_two_balls_a_rod_is_an_elastica_that_does_not_turn_about_its_chord(stiff):
+    """Which nothing resists, nor that a round one spins about itself: ``BRANCH_END`` before."""
+    balls = {"joint": "spherical", "base_joint": "spherical"}
+    rod = mr.Rod(length=LENGTH, bending_stiffness=(stiff * EI, EI), torsional_stiffness=0.015)
+    loads = np.array([0.9, 1.05, 1.9])
+    k = np.array([brentq(lambda k, load=load: 2 * ellipk(k * k) / np.pi - np.sqrt(load), 1e-6, 0.99) for load in loads[1:]])
+    aside, between = LENGTH * k / ellipk(k * k), LENGTH * (2 * ellipe(k * k) / ellipk(k * k) - 1)
+    slides, pushed = mr.HeldRod(rod, slide=(0, 0, 1), **balls), mr.HeldRod(rod, **balls)
+    for side, sign in (("positive", 1), ("negative", -1)):
+        solver = mr.Shooting(integrator=mr.RK4(50), side=side)
+        found = mr.solve(slides, slides.inputs(tip_force=-HINGED * loads[:, None] * (0, 0, 1)), solver=solver).raise_if_failed()
+        assert [mr.Status(own).name for own in found.status] == ["CONVERGED", "BIFURCATED", "BIFURCATED"]
+        assert [own[0].load_factor for own in found.events[1:]] == pytest.approx(1 / loads[1:], rel=1e-5)
+        # RK4(50) errs by 1e-6 of the length
+        np.testing.assert_allclose(found.tip_position[1:, 2], between, rtol=0, atol=1e-5 * LENGTH)
+        by_place = mr.solve(pushed, pushed.inputs(end_position=(between - LENGTH)[:, None] * (0, 0, 1)), solver=solver)
+        assert (by_place.raise_if_failed().status == mr.Status.CONVERGED).all()
+        np.testing.assert_allclose(by_place.end_force, -HINGED * loads[1:, None] * (0, 0, 1), rtol=0, atol=1e-4 * HINGED)
+        for own, those in ((found, slice(1, 3)), (by_place, slice(0, 2))):
+            assert (own.stability == mr.Stability.STABLE).all()
+            rods = own.rod(0, nodes=3)
+            np.testing.assert_allclose(rods.position[those, 1, 0], sign * aside, rtol=0, atol=1e-5 * LENGTH)
+            np.testing.assert_allclose(Rotation.from_matrix(rods.rotation[:, 0]).as_rotvec()[:, 2], 0, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("stiff", "joint"), [(4.0, "spherical"), (1.0, "spherical"), (1.0, "clamped")], ids=["strip", "round", "one ball"]
+)
+def test_what_holds_turns_in_balls_has_exact_columns(stiff, joint):
+    rod = mr.Rod(length=LENGTH, bending_stiffness=(stiff * EI, EI), torsional_stiffness=0.015)
+    robot = mr.HeldRod(rod, joint=joint, base_joint="spherical")
+    given = robot.inputs(end_position=(0, 0, -0.05))
+    problem = robot.problem(given, integrator=mr.RK4(50), **robot.input_directions("end_position"))
+    assert problem.free_in_balls().all()
+    random = np.random.default_rng(0)
+    for size in (1e-3, 1.0, 4.0):  # from where series end to a base that is turned by some radians
+        x, step = size * random.normal(size=(1, problem.unknown_count)), 1e-6
+        problem.write("unknowns", x)
+        slopes, _ = problem.input_columns("end_position")
+        gamma = problem.evaluate(x)[1][0]
+        for k, own in enumerate(np.eye(problem.unknown_count)):
+            ahead, behind = (problem.evaluate(x + sign * step * own)[0][0] for sign in (1, -1))
+            np.testing.assert_allclose(gamma[:, k], (ahead - behind) / (2 * step), rtol=0, atol=1e-7)
+        inputs = problem.read("inputs")
+        if joint == "clamped":
+            continue  # aside of the axis of its base no turn is free
+        for k in range(3):
+            both = []
+            for sign in (1, -1):
+                moved = inputs.copy()
+                moved[:, problem.input_slice("end_position").start + k] += sign * step
+                problem.write("inputs", moved)
+                both.append(problem.evaluate(x)[0][0])
+            problem.write("inputs", inputs)
+            np.testing.assert_allclose(slopes[0][:, k], (both[0] - both[1]) / (2 * step), rtol=0, atol=1e-6)
+
+
 @pytest.mark.parametrize(("before", "meant"), [(0, True), (1, False)])
 def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(before, meant):
     """Rounding may tell one of them as unstable where the branch ends."""

@@ -28,6 +28,7 @@ POSE = 6  # residuals of the end's joint
 ON_AXIS = 1e-9  # what counts as on an axis, in lengths, and along it
 ACROSS = 1e-6  # turn of the end across the axis of the base from which on it says where the rod bends [rad]
 SOFT = 0.025  # of forces and moments in EI/L^2 and EI/L, by which a neutral turn is held: then it is as stiff as others
+IN_BALLS, ROUND_IN_BALLS, BALL_AND_CLAMP = 1, 2, 3  # (24) rods in two balls, such ones that are alike about themselves, in one
 ALONG = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")  # as they stand in a row of a rod's inputs
 
 
@@ -64,6 +65,7 @@ class Held:
     alike: wp.array[int]  # whether the rod is the same about its axis, whatever holds its end
     neutral: wp.array[int]  # whether a turn about the base's axis costs nothing
     clamped: int  # whether clamps tell of that turn, and (11) need not hold it
+    balls: wp.array[int]  # (24) which turns of a rod whose base is in a ball cost nothing where no load acts
     rod: ProblemArrays  # as a backbone whose tip is held
     wrench: TipWrench
     base_position: wp.array[wp.vec3d]
@@ -86,16 +88,20 @@ def turn_axis(held: Held, b: int, j: int) -> wp.vec3d:
 
 
 @wp.func
-def is_neutral(held: Held, b: int) -> bool:
-    """(10) Whether the end is to be held on the axis of the base and along it, by a rod that is alike about it."""
-    if held.alike[b] == 0:
-        return False
+def on_axis(held: Held, b: int) -> bool:
+    """(10) Whether the end is to be held on the axis of the base and along it."""
     axis = held.base_frame[b] * wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
     away = held.end_position[b] + vector(held.problem.inputs, b, held.pose) - held.base_position[b]
     frame = rotation_from_vector(vector(held.problem.inputs, b, held.pose + 3)) * held.end_frame[b]
     tangent = wp.vec3d(frame[0, 2], frame[1, 2], frame[2, 2])
     off = wp.max(wp.length(wp.cross(axis, away)) / held.length[b], wp.length(wp.cross(axis, tangent)))
     return off < f64(wp.static(ON_AXIS))
+
+
+@wp.func
+def is_neutral(held: Held, b: int) -> bool:
+    """(10) The same of a rod that is alike about it."""
+    return held.alike[b] != 0 and on_axis(held, b)
 
 
 @wp.func
@@ -335,6 +341,107 @@ def tip_rows_variation(
     return shift, change
 
 
+@wp.func
+def balls_at(held: Held, b: int, away: wp.vec3d) -> int:
+    """(24) Which turns cost nothing, its end's holder ``away`` from its base."""
+    kind = held.balls[b]
+    if kind == 0:
+        return 0
+    acting = f64(0.0)
+    for i in range(3):
+        acting += wp.abs(held.problem.inputs[b, held.tip_loads + 3 + i])
+    for i in range(wp.static(3 * len(ALONG))):
+        acting += wp.abs(held.problem.inputs[b, held.along + i])
+    if acting != f64(0.0) or wp.length(away) < f64(wp.static(ON_AXIS)) * held.length[b]:
+        return 0
+    if kind == wp.static(BALL_AND_CLAMP) and not on_axis(held, b):
+        return 0
+    if held.clamped != 0 and kind == wp.static(ROUND_IN_BALLS):
+        return wp.static(IN_BALLS)
+    return kind
+
+
+@wp.struct
+class Spin:
+    """(24) What stands in the rows of a ball at the base for turns that cost nothing."""
+
+    kind: int
+    apart: f64
+    chord: wp.vec3d  # from base to end, in the frame of the base's holder
+    angle: wp.vec3d  # rotation vector of the base
+    turned: wp.vec3d  # what a moment about the chord turns it by
+    lag: f64
+    fall: f64
+
+
+@wp.func
+def inverse_factors(angle: f64) -> wp.vec2d:
+    """Of ``a x (a x e)`` in ``J^-1(a) e``, and its rate by the angle over that."""
+    square = angle * angle
+    if square < f64(1e-4):
+        return wp.vec2d(f64(1.0 / 12.0) + square / f64(720.0), f64(1.0 / 360.0) + square / f64(7560.0))
+    half = f64(0.5) * angle
+    cot = wp.cos(half) / wp.sin(half)
+    factor = f64(1.0) / square - cot / (f64(2.0) * angle)
+    rate = -f64(2.0) / (square * angle) + cot / (f64(2.0) * square) + f64(0.25) / (angle * wp.sin(half) * wp.sin(half))
+    return wp.vec2d(factor, rate / angle)
+
+
+@wp.func
+def turned_by(a: wp.vec3d, e: wp.vec3d) -> wp.vec3d:
+    """``J^-1(a) e``"""
+    factor = inverse_factors(wp.length(a))
+    across = wp.cross(a, e)
+    return e - f64(0.5) * across + factor[0] * wp.cross(a, across)
+
+
+@wp.func
+def turned_by_variation(a: wp.vec3d, e: wp.vec3d, da: wp.vec3d) -> wp.vec3d:
+    factor = inverse_factors(wp.length(a))
+    across = wp.cross(a, e)
+    dacross = wp.cross(da, e)
+    more = factor[0] * (wp.cross(da, across) + wp.cross(a, dacross))
+    return more - f64(0.5) * dacross + (factor[1] * wp.dot(a, da)) * wp.cross(a, across)
+
+
+@wp.func
+def spin_of(held: Held, b: int, away: wp.vec3d) -> Spin:
+    spin = Spin()
+    spin.kind = balls_at(held, b, away)
+    if spin.kind != 0:
+        spin.apart = wp.length(away)
+        spin.chord = wp.transpose(held.base_frame[b]) * (away / spin.apart)
+        spin.angle = turn_of(held, b)
+        spin.turned = turned_by(spin.angle, spin.chord)
+        spin.lag = wp.dot(spin.chord, spin.angle) / held.length[b]
+        spin.fall = spin.angle[0] / held.length[b]
+    return spin
+
+
+@wp.func
+def spin_rows(spin: Spin, turned: wp.vec3d, lag: f64, fall: f64) -> wp.vec3d:
+    """(24)"""
+    along = wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
+    if spin.kind == wp.static(BALL_AND_CLAMP):
+        return fall * (turned - along)
+    if spin.kind == wp.static(ROUND_IN_BALLS):
+        return lag * turned + fall * along
+    return lag * turned
+
+
+@wp.func
+def spin_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d, move: wp.vec3d) -> wp.vec3d:
+    """(24) Their change where the rotation vector of the base changes by ``da``, over the length, and the end's holder moves."""
+    own = wp.transpose(held.base_frame[b]) * move
+    dchord = (own - wp.dot(spin.chord, own) * spin.chord) / spin.apart
+    dturned = turned_by(spin.angle, dchord) + turned_by_variation(spin.angle, spin.chord, held.length[b] * da)
+    dlag = wp.dot(dchord, spin.angle) / held.length[b] + wp.dot(spin.chord, da)
+    change = spin_rows(spin, spin.turned, dlag, da[0])
+    if spin.kind == wp.static(BALL_AND_CLAMP):
+        return change + spin.fall * dturned
+    return change + spin.lag * dturned
+
+
 @wp.kernel(module="unique", enable_backward=False)
 def hold(held: Held):
     """(5), (7), (8), (11): the residual with its columns, and the pose of the tip with them."""
@@ -360,8 +467,13 @@ def hold(held: Held):
         total += wp.abs(gap[j]) + wp.abs(rows[j])
     for i in range(wp.static(POSE), m):
         held.problem.residual[b, i] = held.rod.residual[b, i] - open * held.opening[b, i]
+    spin = spin_of(held, b, tip.end.position - held.base_position[b])
+    spun = zero
+    if spin.kind != 0:
+        spun = spin_rows(spin, spin.turned, spin.lag, spin.fall)
     for j in range(held.turns):
-        held.problem.residual[b, m + j] = bent * wp.dot(held.base_axes[j], base_moment(held, b)) - open * held.opening[b, m + j]
+        row = bent * base_moment(held, b) - spun
+        held.problem.residual[b, m + j] = wp.dot(held.base_axes[j], row) - open * held.opening[b, m + j]
 
     for k in range(m + held.direction_count + held.turns):
         dp = column(held.rod.pose_columns, b, 0, k)
@@ -369,15 +481,21 @@ def hold(held: Held):
         dn = column(held.wrench.columns, b, 0, k)
         dm = column(held.wrench.columns, b, 3, k)
         d = int(-1)
+        spun = zero
         if k >= m + held.direction_count:
             # (9) the rod turns with its base as one
             a = turn_axis(held, b, k - m - held.direction_count)
+            if spin.kind != 0:
+                spun = spin_rows_variation(held, b, spin, held.base_axes[k - m - held.direction_count], zero)
             dp += wp.cross(a, held.rod.position[b] - held.base_position[b])
             tip_turn += a
             dn += wp.cross(a, force)
             dm += wp.cross(a, moment)
         elif k >= m:
             d = k - m
+            if spin.kind != 0:
+                move = held.problem.load_factor[b] * along(held.problem.directions, b, d, held.pose)
+                spun = spin_rows_variation(held, b, spin, zero, move)
         if held.problem.pose_columns.shape[2] > 1:
             place = k
             if k >= m + held.direction_count:
@@ -398,7 +516,7 @@ def hold(held: Held):
             else:
                 write_entry(held, b, i, k, held.rod.residual_directions[b, i, k - m])
         for j in range(held.turns):
-            write_entry(held, b, m + j, k, bent * wp.dot(held.base_axes[j], db))
+            write_entry(held, b, m + j, k, wp.dot(held.base_axes[j], bent * db - spun))
     held.problem.position[b] = held.rod.position[b]
     held.problem.rotation[b] = held.rod.rotation[b]
     fault = held.rod.fault[b]

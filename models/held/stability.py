@@ -17,6 +17,7 @@ from multirod.models.backbone.stability.condensing.second_variation import (
     symmetric_eigenvalues,
 )
 from multirod.models.backbone.stability.stability import BackboneStability
+from multirod.models.held.held_kernels import BALL_AND_CLAMP, IN_BALLS
 from multirod.models.joint_kernels import CLAMPED, SPHERICAL
 from multirod.rotations import cross
 from multirod.stability import Modes, StabilityAnalysis
@@ -89,9 +90,10 @@ class HeldStability(StabilityAnalysis):
             sign = np.sign(certain_determinant(form[diverging]))
             diverging[diverging] = sign * (-1.0) ** hidden[diverging] < 0
         for k, neutral in self._neutral(by, form, known & potential, wrench):
-            across = np.linalg.svd(neutral[None])[2][1:]
+            across = np.linalg.svd(neutral)[2][len(neutral) :]
             own, loose = symmetric_eigenvalues((across @ form[k] @ across.T)[None], np.ones(1, dtype=bool))
-            values[k], uncertainty[k] = np.append(own[0], np.inf), np.append(loose[0], 0.0)
+            rest = np.full(len(neutral), np.inf)
+            values[k], uncertainty[k] = np.append(own[0], rest), np.append(loose[0], np.zeros_like(rest))
         return Modes(values, hidden, uncertainty, known & potential, diverging)
 
     def _held_by(self) -> FloatArray:
@@ -109,26 +111,51 @@ class HeldStability(StabilityAnalysis):
     def _neutral(
         self, by: FloatArray, form: FloatArray, known: NDArray[np.bool_], wrench: FloatArray
     ) -> list[tuple[int, FloatArray]]:
-        """(15) Instances that a turn about the axis of their base costs nothing, and how their variables change by it; ``wrench``
-        is that on their tips.
+        """(15), (25) Instances of which turns cost nothing, and how their variables change by each of these, a row, orthonormal;
+        ``wrench`` is that on their tips.
 
         A straight rod has no such turn: forces across it are rounding, and any direction may be theirs. So it is one only where
         the form resists it by nothing, (16).
         """
         problem = self.problem
         found = []
-        base = problem.rod.table.base_rotation.numpy()
         unit = np.sqrt(problem.rod.sizes.least_stiffness / problem.length)
-        for k in np.flatnonzero(known & (problem.table.neutral.numpy() != 0)):
+        for k, turns in self._costless(wrench):
+            rows: list[FloatArray] = []
+            for turn in turns if known[k] else ():
+                change = np.linalg.lstsq(by[k], turn, rcond=None)[0]
+                for other in rows:
+                    change = change - other * (other @ change)
+                size = np.linalg.norm(change)
+                if not size:
+                    continue
+                change, bent = change / size, min(size / unit[k], 1.0)
+                if np.linalg.norm(form[k] @ change) <= FREE * bent * np.linalg.norm(form[k], ord=2):
+                    rows.append(change)
+            if rows:
+                found.append((k, np.array(rows)))
+        return found
+
+    def _costless(self, wrench: FloatArray) -> list[tuple[int, list[FloatArray]]]:
+        """Turns that cost nothing: how they change the angles of the base, times the length, moment and force at the tip."""
+        problem, turns = self.problem, self.problem.turns
+        base, found = problem.rod.table.base_rotation.numpy(), []
+        for k in np.flatnonzero(problem.table.neutral.numpy() != 0).tolist():
             axis = base[k % len(base), :, 2]
-            change = np.concatenate([cross(axis, wrench[k, 3:]), cross(axis, wrench[k, :3])])
-            change = np.linalg.lstsq(by[k], change, rcond=None)[0]
-            size = np.linalg.norm(change)
-            if not size:
+            found.append((k, [np.concatenate([np.zeros(turns), cross(axis, wrench[k, 3:]), cross(axis, wrench[k, :3])])]))
+        kinds = problem.free_in_balls()
+        if not kinds.any():
+            return found
+        axes, tip = problem.turn_axes(), problem.rod.read("position") - problem.rod.table.base_position.numpy()
+        for k in np.flatnonzero(kinds).tolist():
+            chord, along = tip[k] / np.linalg.norm(tip[k]), base[k % len(base), :, 2]
+            held = [cross(chord, wrench[k, 3:]), cross(chord, wrench[k, :3])]
+            rigid, own = (problem.length[k] * np.linalg.solve(axes[k], way) for way in (chord, along))
+            if kinds[k] == BALL_AND_CLAMP:
+                found.append((k, [np.concatenate([rigid - own, *held])]))
                 continue
-            turn, bent = change / size, min(size / unit[k], 1.0)
-            if np.linalg.norm(form[k] @ turn) <= FREE * bent * np.linalg.norm(form[k], ord=2):
-                found.append((int(k), turn))
+            ways = [np.concatenate([rigid, *held])]
+            found.append((k, ways if kinds[k] == IN_BALLS else [*ways, np.concatenate([own, np.zeros(6)])]))
         return found
 
     def _with_base(self, condensed: CondensedForm) -> FloatArray:

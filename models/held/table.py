@@ -10,7 +10,7 @@ from multirod.kernels.warp_types import Array, Struct
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.held import held_kernels as kernels
 from multirod.models.held.holders import POSE_INPUTS, TIP_LOADS
-from multirod.models.joint_kernels import REVOLUTE
+from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
 
 if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
@@ -48,21 +48,38 @@ def make_table(problem: "HeldProblem", pieces: int) -> Struct:
     held.alike = array(problem.alike, wp.int32)
     held.neutral = wp.zeros(count, dtype=wp.int32, device=device)
     held.clamped = int(pieces > 1)
+    held.balls = array(_balls(problem), wp.int32)
     held.base_position, held.base_rotation = rod.table.base_position, rod.table.base_rotation
     return held
 
 
 def alike(problem: "HeldProblem") -> NDArray[np.bool_]:
     """(10) Whether nothing of the rod tells directions across its axis apart, shape (instance_count,)."""
+    return _alike(problem) if not problem.turns else np.zeros(problem.instance_count, dtype=bool)
+
+
+def _alike(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """The same whatever holds its base."""
     arrays, features = problem.rod.arrays, problem.rod.features
     material = arrays.material[:, 0]
-    free = problem.turns or problem.holders.joint == REVOLUTE or features.members or features.loads
-    if free or features.distributed_force or features.distributed_moment or features.profile_degree >= 0:
+    told = problem.holders.joint == REVOLUTE or features.members or features.loads
+    if told or features.distributed_force or features.distributed_moment or features.profile_degree >= 0:
         return np.zeros(problem.instance_count, dtype=bool)
     if problem.holders.slide is not None and abs(problem.holders.slide[2]) < 1 - kernels.ON_AXIS:
         return np.zeros(problem.instance_count, dtype=bool)
     same = (material[..., 0] == material[..., 1]).all(axis=1) & (material[..., 6] == material[..., 7]).all(axis=1)
     return np.asarray((problem.rod.each(same) == 1) & straight_at_rest(problem))
+
+
+def _balls(problem: "HeldProblem") -> NDArray[np.intp]:
+    """(24) Which turns of a rod with its base in a ball cost nothing where no load acts, shape (instance_count,)."""
+    holders, features = problem.holders, problem.rod.features
+    told = holders.base_joint != SPHERICAL or holders.joint == REVOLUTE or features.loads or features.profile_degree >= 0
+    if told or holders.joint not in (SPHERICAL, CLAMPED):
+        return np.zeros(problem.instance_count, dtype=np.intp)
+    if holders.joint == SPHERICAL:
+        return np.where(_alike(problem), kernels.ROUND_IN_BALLS, kernels.IN_BALLS)
+    return np.where(_alike(problem), kernels.BALL_AND_CLAMP, 0)
 
 
 def straight_at_rest(problem: "HeldProblem") -> NDArray[np.bool_]:
