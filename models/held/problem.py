@@ -363,7 +363,7 @@ class HeldProblem(BoundaryProblem):
         shape (instance_count,)."""
         kinds = self.table.balls.numpy()
         if not kinds.any():
-            return kinds
+            return np.asarray(kinds)
         inputs = self.read("inputs")
         moment, along = self.input_slice("tip_moment"), slice(self.table.along, self.table.along + 3 * len(kernels.ALONG))
         acting = inputs[:, moment].any(axis=1) | inputs[:, along].any(axis=1)
