@@ -28,7 +28,7 @@ from multirod.models.held.start import INTEGRATIONS_AT_REST, begin
 from multirod.models.held.starts import HeldStarts
 from multirod.models.held.table import alike, make_table
 from multirod.problem import Block, BoundaryProblem
-from multirod.rotations import cross, left_jacobian, matrices
+from multirod.rotations import left_jacobian, matrices
 from multirod.segments import Breakpoints
 from multirod.validation import FloatArray
 
@@ -357,22 +357,6 @@ class HeldProblem(BoundaryProblem):
     def goal_is_neutral(self) -> NDArray[np.bool_]:
         """(10) As the last evaluation found it, shape (instance_count,)."""
         return np.asarray(self.table.neutral.numpy() != 0)
-
-    def free_in_balls(self) -> IntArray:
-        """(24) Which turns of a rod with its base in a ball cost nothing, as ``held_kernels`` numbers them, 0 where none does,
-        shape (instance_count,)."""
-        kinds = self.table.balls.numpy()
-        if not kinds.any():
-            return np.asarray(kinds)
-        inputs = self.read("inputs")
-        moment, along = self.input_slice("tip_moment"), slice(self.table.along, self.table.along + 3 * len(kernels.ALONG))
-        acting = inputs[:, moment].any(axis=1) | inputs[:, along].any(axis=1)
-        away, frame = self.goal()
-        away = away - self.rod.table.base_position.numpy()
-        axis = self.base_frame[:, :, 2]
-        off = [np.linalg.norm(cross(axis, own), axis=1) for own in (away / self.length[:, None], frame[:, :, 2])]
-        aside = (kinds == kernels.BALL_AND_CLAMP) & (np.max(off, axis=0) >= kernels.ON_AXIS)
-        return np.asarray(np.where(acting | aside, 0, kinds))
 
     def turning_angle(self) -> FloatArray:
         """How far the ends are turned against each other on the way from rest, at most [rad], shape (instance_count,)."""

@@ -18,6 +18,7 @@ from multirod.models.backbone.stability.condensing.second_variation import (
 )
 from multirod.models.backbone.stability.stability import BackboneStability
 from multirod.models.held.held_kernels import BALL_AND_CLAMP, IN_BALLS
+from multirod.models.held.table import free_in_balls
 from multirod.models.joint_kernels import CLAMPED, SPHERICAL
 from multirod.rotations import cross
 from multirod.stability import Modes, StabilityAnalysis
@@ -143,7 +144,7 @@ class HeldStability(StabilityAnalysis):
         for k in np.flatnonzero(problem.table.neutral.numpy() != 0).tolist():
             axis = base[k % len(base), :, 2]
             found.append((k, [np.concatenate([np.zeros(turns), cross(axis, wrench[k, 3:]), cross(axis, wrench[k, :3])])]))
-        kinds = problem.free_in_balls()
+        kinds = free_in_balls(problem)
         if not kinds.any():
             return found
         axes, tip = problem.turn_axes(), problem.rod.read("position") - problem.rod.table.base_position.numpy()

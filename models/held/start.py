@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.models.held.held_kernels import ACROSS, IN_BALLS
-from multirod.models.held.table import straight_at_rest
+from multirod.models.held.table import free_in_balls, straight_at_rest
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.rotations import cross, matrices, vectors
 from multirod.validation import FloatArray
@@ -230,7 +230,7 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     axis = np.where(turned, across / np.maximum(size, ACROSS), -sign * softer)
     direct = neutral & (size > ANGLE)
     # of a strip that begins aside of the plane in which it buckles, the path ends in an unstable state
-    buckles = (neutral & ~direct) | uneven | (hinge is not None) | (problem.free_in_balls() > IN_BALLS)[:, None]
+    buckles = (neutral & ~direct) | uneven | (hinge is not None) | (free_in_balls(problem) > IN_BALLS)[:, None]
     base = np.broadcast_to(problem.rod.table.base_position.numpy(), axis.shape)
     short = 1 - np.linalg.norm(problem.goal()[0] - base, axis=1)[:, None] / length
     short = np.clip(short, np.where(turned & ~neutral, TURNED, 0.0), MOST)

@@ -6,11 +6,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from multirod.batch import IntArray
 from multirod.kernels.warp_types import Array, Struct
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.held import held_kernels as kernels
 from multirod.models.held.holders import POSE_INPUTS, TIP_LOADS
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
+from multirod.rotations import cross
 
 if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
@@ -80,6 +82,23 @@ def _balls(problem: "HeldProblem") -> NDArray[np.intp]:
     if holders.joint == SPHERICAL:
         return np.where(_alike(problem), kernels.ROUND_IN_BALLS, kernels.IN_BALLS)
     return np.where(_alike(problem), kernels.BALL_AND_CLAMP, 0)
+
+
+def free_in_balls(problem: "HeldProblem") -> IntArray:
+    """(24) Which turns of a rod with its base in a ball cost nothing, as ``held_kernels`` numbers them, 0 where none does,
+    shape (instance_count,)."""
+    kinds = problem.table.balls.numpy()
+    if not kinds.any():
+        return np.asarray(kinds)
+    inputs = problem.read("inputs")
+    moment, along = problem.input_slice("tip_moment"), slice(problem.table.along, problem.table.along + 3 * len(kernels.ALONG))
+    acting = inputs[:, moment].any(axis=1) | inputs[:, along].any(axis=1)
+    away, frame = problem.goal()
+    away = away - problem.rod.table.base_position.numpy()
+    axis = problem.base_frame[:, :, 2]
+    off = [np.linalg.norm(cross(axis, own), axis=1) for own in (away / problem.length[:, None], frame[:, :, 2])]
+    aside = (kinds == kernels.BALL_AND_CLAMP) & (np.max(off, axis=0) >= kernels.ON_AXIS)
+    return np.asarray(np.where(acting | aside, 0, kinds))
 
 
 def straight_at_rest(problem: "HeldProblem") -> NDArray[np.bool_]:
