@@ -32,7 +32,6 @@ LONG = {
     "models/backbone/kernels/members/tubes.py": "the strain law of tubes with lines, in lanes",
     "models/backbone/problem.py": "the boundary problem of a backbone",
     "models/backbone/stability/condensing/form_kernels.py": "the kernel that condenses the second variation of a backbone",
-    "models/held/held_kernels.py": "what holds the end of a rod, its kernels",
     "models/network/elements/element_kernels.py": "rods of a network, their kernels",
     "solvers/continuation/continuation_kernels.py": "a step along a branch",
     "solvers/newton/newton_kernels.py": "Newton's iteration",

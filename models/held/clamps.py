@@ -11,7 +11,7 @@ import warp as wp
 from multirod.capabilities import Clamps, Conjugates
 from multirod.kernels.warp_types import Array
 from multirod.models.backbone.stability.clamps import BackboneClamps, ClampedBackbones
-from multirod.models.held.held_kernels import ACROSS
+from multirod.models.held.kernels.arguments import ACROSS
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.rotations import left_jacobian, matrices
 from multirod.validation import FloatArray

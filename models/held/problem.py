@@ -17,11 +17,12 @@ from multirod.launch import Launch, record
 from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
-from multirod.models.held import held_kernels as kernels
 from multirod.models.held.along import HeldSensing, Launches, columns_along
 from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, Reach
 from multirod.models.held.clamps import HeldClamps
 from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, HeldOptions, Holders
+from multirod.models.held.kernels.base_kernels import hand_over
+from multirod.models.held.kernels.holding_kernels import hold
 from multirod.models.held.segments import HeldBackbone, HeldSegments
 from multirod.models.held.stability import HeldStability
 from multirod.models.held.start import INTEGRATIONS_AT_REST, begin
@@ -132,12 +133,11 @@ class HeldProblem(BoundaryProblem):
 
     def _record(self) -> Launches:
         """Launches of one evaluation, in order."""
-        count = self.instance_count
 
         def recorded(kernel: wp.Kernel) -> Launch:
-            return record(lambda: kernel, count, (self.table,), self.device)
+            return record(lambda: kernel, self.instance_count, (self.table,), self.device)
 
-        return recorded(kernels.hand_over), self.rod.launch, recorded(kernels.hold)
+        return recorded(hand_over), self.rod.launch, recorded(hold)
 
     # ---- what is offered ----
 

@@ -17,7 +17,8 @@ from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.segments.segments import BackboneSegments
 from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm
-from multirod.models.held import held_kernels as kernels
+from multirod.models.held.kernels.arguments import Ends, Held
+from multirod.models.held.kernels.holding_kernels import hold_ends
 from multirod.problem import BoundaryProblem
 from multirod.rotations import cross, cross_matrix, left_jacobian, matrices, quaternion_product, to_quaternions
 from multirod.segments import Breakpoints, Cuts, Propagation
@@ -97,7 +98,7 @@ class HeldSegments(BackboneSegments):
         call.problem.directions = wp.zeros(shape, dtype=wp.float64, device=device)
         call.wrench.values = wp.zeros((count, 6), dtype=wp.float64, device=device)
         call.wrench.columns = wp.zeros((count, 6, columns), dtype=wp.float64, device=device)
-        table: Struct = kernels.Held()
+        table: Struct = Held()
         for name in held.table._cls.vars:
             setattr(table, name, getattr(held.table, name))
         table.problem.load_factor, table.problem.unknowns = (
@@ -258,7 +259,7 @@ class HeldSegments(BackboneSegments):
         last = cuts.first[1:] - 1
         R, p = self._base(chosen)
         position = p + np.einsum("bij,bj->bi", R, end[last][:, self._state.places["position"]])
-        ends: Struct = kernels.Ends()
+        ends: Struct = Ends()
         wrench = call.wrench.values.numpy()[chosen]
         given = {"position": (position, wp.vec3d), "rotation": (R @ self._matrices(end[last]), wp.mat33d)}
         given |= {"wrench": (wrench, wp.float64), "columns": (at_tip, wp.float64), "instance": (chosen, wp.int32)}
@@ -267,7 +268,7 @@ class HeldSegments(BackboneSegments):
             setattr(ends, name, wp.array(np.ascontiguousarray(values, dtype=numbers), dtype=kind, device=self.device))
         ends.residual = wp.zeros((count, 6), dtype=wp.float64, device=self.device)
         ends.residual_columns = wp.zeros((count, 6, d + K), dtype=wp.float64, device=self.device)
-        wp.launch(kernels.hold_ends, dim=count, inputs=[self._held, ends], device=self.device)
+        wp.launch(hold_ends, dim=count, inputs=[self._held, ends], device=self.device)
         residual[:, :6], columns[:, :6] = ends.residual.numpy(), ends.residual_columns.numpy()
         opening = (1 - level)[:, None] * held.table.opening.numpy()[chosen]
         if m > 6:

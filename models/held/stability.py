@@ -17,7 +17,7 @@ from multirod.models.backbone.stability.condensing.second_variation import (
     symmetric_eigenvalues,
 )
 from multirod.models.backbone.stability.stability import BackboneStability
-from multirod.models.held.held_kernels import BALL_AND_CLAMP, IN_BALLS
+from multirod.models.held.kernels.arguments import BALL_AND_CLAMP, IN_BALLS
 from multirod.models.held.table import free_in_balls
 from multirod.models.joint_kernels import CLAMPED, SPHERICAL
 from multirod.rotations import cross

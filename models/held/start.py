@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
-from multirod.models.held.held_kernels import ACROSS, IN_BALLS
+from multirod.models.held.kernels.arguments import ACROSS, IN_BALLS
 from multirod.models.held.table import free_in_balls, straight_at_rest
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.rotations import cross, matrices, vectors

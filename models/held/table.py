@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from multirod.batch import IntArray
 from multirod.kernels.warp_types import Array, Struct
 from multirod.models.backbone.units import unit_stiffness
-from multirod.models.held import held_kernels as kernels
 from multirod.models.held.holders import POSE_INPUTS, TIP_LOADS
+from multirod.models.held.kernels.arguments import ALONG, BALL_AND_CLAMP, IN_BALLS, ON_AXIS, ROUND_IN_BALLS, Held
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
 from multirod.rotations import cross
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 
 def make_table(problem: "HeldProblem", pieces: int) -> Struct:
-    """The argument of ``held_kernels``, on the buffers of a problem whose rod is in so many pieces."""
+    """The argument of the kernels, on the buffers of a problem whose rod is in so many pieces."""
     holders, rod, count, device = problem.holders, problem.rod, problem.instance_count, problem.device
-    held: Struct = kernels.Held()
+    held: Struct = Held()
     problem.share(held.problem)
     rod.share(held.rod)
     held.wrench.values, held.wrench.columns = rod.tip_wrench, rod.wrench_columns
     held.unknown_count, held.rod_unknowns, held.turns = problem.unknown_count, rod.unknown_count, problem.turns
     held.direction_count = problem.direction_count
     held.rod_inputs = rod.input_count - 1
-    held.along = rod.input_slice(kernels.ALONG[0]).start
+    held.along = rod.input_slice(ALONG[0]).start
     held.tip_loads = rod.input_slice(TIP_LOADS[0]).start
     held.pose = problem.input_slice(POSE_INPUTS[0]).start
 
@@ -67,7 +67,7 @@ def _alike(problem: "HeldProblem") -> NDArray[np.bool_]:
     told = problem.holders.joint == REVOLUTE or features.members or features.loads
     if told or features.distributed_force or features.distributed_moment or features.profile_degree >= 0:
         return np.zeros(problem.instance_count, dtype=bool)
-    if problem.holders.slide is not None and abs(problem.holders.slide[2]) < 1 - kernels.ON_AXIS:
+    if problem.holders.slide is not None and abs(problem.holders.slide[2]) < 1 - ON_AXIS:
         return np.zeros(problem.instance_count, dtype=bool)
     same = (material[..., 0] == material[..., 1]).all(axis=1) & (material[..., 6] == material[..., 7]).all(axis=1)
     return np.asarray((problem.rod.each(same) == 1) & straight_at_rest(problem))
@@ -80,24 +80,24 @@ def _balls(problem: "HeldProblem") -> NDArray[np.intp]:
     if told or holders.joint not in (SPHERICAL, CLAMPED):
         return np.zeros(problem.instance_count, dtype=np.intp)
     if holders.joint == SPHERICAL:
-        return np.where(_alike(problem), kernels.ROUND_IN_BALLS, kernels.IN_BALLS)
-    return np.where(_alike(problem), kernels.BALL_AND_CLAMP, 0)
+        return np.where(_alike(problem), ROUND_IN_BALLS, IN_BALLS)
+    return np.where(_alike(problem), BALL_AND_CLAMP, 0)
 
 
 def free_in_balls(problem: "HeldProblem") -> IntArray:
-    """(24) Which turns of a rod with its base in a ball cost nothing, as ``held_kernels`` numbers them, 0 where none does,
+    """(24) Which turns of a rod with its base in a ball cost nothing, as ``kernels.arguments`` numbers them, 0 where none does,
     shape (instance_count,)."""
     kinds = problem.table.balls.numpy()
     if not kinds.any():
         return np.asarray(kinds)
     inputs = problem.read("inputs")
-    moment, along = problem.input_slice("tip_moment"), slice(problem.table.along, problem.table.along + 3 * len(kernels.ALONG))
+    moment, along = problem.input_slice("tip_moment"), slice(problem.table.along, problem.table.along + 3 * len(ALONG))
     acting = inputs[:, moment].any(axis=1) | inputs[:, along].any(axis=1)
     away, frame = problem.goal()
     away = away - problem.rod.table.base_position.numpy()
     axis = problem.base_frame[:, :, 2]
     off = [np.linalg.norm(cross(axis, own), axis=1) for own in (away / problem.length[:, None], frame[:, :, 2])]
-    aside = (kinds == kernels.BALL_AND_CLAMP) & (np.max(off, axis=0) >= kernels.ON_AXIS)
+    aside = (kinds == BALL_AND_CLAMP) & (np.max(off, axis=0) >= ON_AXIS)
     return np.asarray(np.where(acting | aside, 0, kinds))
 
 

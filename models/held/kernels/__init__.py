@@ -1,0 +1,1 @@
+"""What holds a rod at both ends, in kernels. Numbers in parentheses are those of ``docs/held.md``."""

@@ -1,0 +1,110 @@
+# mypy: ignore-errors
+"""(24) of ``docs/held.md``: turns of a rod whose base is in a ball that cost nothing, and what stands in its rows for them."""
+
+import warp as wp
+
+from multirod.models.held.kernels.arguments import ALONG, BALL_AND_CLAMP, IN_BALLS, ON_AXIS, ROUND_IN_BALLS, Held
+from multirod.models.held.kernels.base_kernels import on_axis, turn_of
+
+f64 = wp.float64
+
+
+@wp.func
+def balls_at(held: Held, b: int, away: wp.vec3d) -> int:
+    """(24) Which turns cost nothing, its end's holder ``away`` from its base."""
+    kind = held.balls[b]
+    if kind == 0:
+        return 0
+    acting = f64(0.0)
+    for i in range(3):
+        acting += wp.abs(held.problem.inputs[b, held.tip_loads + 3 + i])
+    for i in range(wp.static(3 * len(ALONG))):
+        acting += wp.abs(held.problem.inputs[b, held.along + i])
+    if acting != f64(0.0) or wp.length(away) < f64(wp.static(ON_AXIS)) * held.length[b]:
+        return 0
+    if kind == wp.static(BALL_AND_CLAMP) and not on_axis(held, b):
+        return 0
+    if held.clamped != 0 and kind == wp.static(ROUND_IN_BALLS):
+        return wp.static(IN_BALLS)
+    return kind
+
+
+@wp.struct
+class Spin:
+    """(24) What stands in the rows of a ball at the base for turns that cost nothing."""
+
+    kind: int
+    apart: f64
+    chord: wp.vec3d  # from base to end, in the frame of the base's holder
+    angle: wp.vec3d  # rotation vector of the base
+    turned: wp.vec3d  # what a moment about the chord turns it by
+    lag: f64
+    fall: f64
+
+
+@wp.func
+def inverse_factors(angle: f64) -> wp.vec2d:
+    """Of ``a x (a x e)`` in ``J^-1(a) e``, and its rate by the angle over that."""
+    square = angle * angle
+    if square < f64(1e-4):
+        return wp.vec2d(f64(1.0 / 12.0) + square / f64(720.0), f64(1.0 / 360.0) + square / f64(7560.0))
+    half = f64(0.5) * angle
+    cot = wp.cos(half) / wp.sin(half)
+    factor = f64(1.0) / square - cot / (f64(2.0) * angle)
+    rate = -f64(2.0) / (square * angle) + cot / (f64(2.0) * square) + f64(0.25) / (angle * wp.sin(half) * wp.sin(half))
+    return wp.vec2d(factor, rate / angle)
+
+
+@wp.func
+def turned_by(a: wp.vec3d, e: wp.vec3d) -> wp.vec3d:
+    """``J^-1(a) e``"""
+    factor = inverse_factors(wp.length(a))
+    across = wp.cross(a, e)
+    return e - f64(0.5) * across + factor[0] * wp.cross(a, across)
+
+
+@wp.func
+def turned_by_variation(a: wp.vec3d, e: wp.vec3d, da: wp.vec3d) -> wp.vec3d:
+    factor = inverse_factors(wp.length(a))
+    across = wp.cross(a, e)
+    dacross = wp.cross(da, e)
+    more = factor[0] * (wp.cross(da, across) + wp.cross(a, dacross))
+    return more - f64(0.5) * dacross + (factor[1] * wp.dot(a, da)) * wp.cross(a, across)
+
+
+@wp.func
+def spin_of(held: Held, b: int, away: wp.vec3d) -> Spin:
+    spin = Spin()
+    spin.kind = balls_at(held, b, away)
+    if spin.kind != 0:
+        spin.apart = wp.length(away)
+        spin.chord = wp.transpose(held.base_frame[b]) * (away / spin.apart)
+        spin.angle = turn_of(held, b)
+        spin.turned = turned_by(spin.angle, spin.chord)
+        spin.lag = wp.dot(spin.chord, spin.angle) / held.length[b]
+        spin.fall = spin.angle[0] / held.length[b]
+    return spin
+
+
+@wp.func
+def spin_rows(spin: Spin, turned: wp.vec3d, lag: f64, fall: f64) -> wp.vec3d:
+    """(24)"""
+    along = wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
+    if spin.kind == wp.static(BALL_AND_CLAMP):
+        return fall * (turned - along)
+    if spin.kind == wp.static(ROUND_IN_BALLS):
+        return lag * turned + fall * along
+    return lag * turned
+
+
+@wp.func
+def spin_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d, move: wp.vec3d) -> wp.vec3d:
+    """(24) Their change where the rotation vector of the base changes by ``da``, over the length, and the end's holder moves."""
+    own = wp.transpose(held.base_frame[b]) * move
+    dchord = (own - wp.dot(spin.chord, own) * spin.chord) / spin.apart
+    dturned = turned_by(spin.angle, dchord) + turned_by_variation(spin.angle, spin.chord, held.length[b] * da)
+    dlag = wp.dot(dchord, spin.angle) / held.length[b] + wp.dot(spin.chord, da)
+    change = spin_rows(spin, spin.turned, dlag, da[0])
+    if spin.kind == wp.static(BALL_AND_CLAMP):
+        return change + spin.fall * dturned
+    return change + spin.lag * dturned
