@@ -1,6 +1,6 @@
 """Whether a solve of concentric tubes ends on their natural branch: random scenes against small steps.
 
-python tests/benchmarks/natural_branch.py [--scenes N] [--seed N] [--piece N]
+python tests/benchmarks/natural_branch.py [--scenes N] [--seed N] [--piece N] [--most ROOT]
 
 The reference follows the same homotopy in steps of 1/80 and less, extrapolated from the last three equilibria, each corrected by
 Newton's method in NumPy and kept only where the correction is a small part of the step and contracts by 50; a step that fails is
@@ -32,7 +32,7 @@ KINDS = {
     "four tubes": (4, False, False, 0.05),
 }
 TURNS = np.pi * np.array([-2.0, -1.5, -1.0, -0.5, 0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0])
-MOST = 12.0  # L sqrt(c)
+MOST = 12.0  # L sqrt(c); of scenes whose whole load is often gone at once, 3
 SAME = 1e-5  # of the unknowns, relative: near a fold Newton's error is the root of the tolerance
 COARSEST = 80  # steps of the reference
 FINEST = 6400
@@ -57,7 +57,7 @@ class Reference:
     agreed: Any
 
 
-def draw(kind: str, count: int, seed: int) -> tuple[mr.ConcentricTubes, mr.Inputs]:
+def draw(kind: str, count: int, seed: int, most: float = MOST) -> tuple[mr.ConcentricTubes, mr.Inputs]:
     """A batch of scenes of one kind, of unit length and with inner tubes of unit bending stiffness."""
     tubes, force, weight, _ = KINDS[kind]
     rng = np.random.default_rng([seed, list(KINDS).index(kind)])
@@ -75,7 +75,7 @@ def draw(kind: str, count: int, seed: int) -> tuple[mr.ConcentricTubes, mr.Input
     azimuth = np.where(rng.random((count, 1)) < 0.6, 0.0, rng.uniform(-np.pi, np.pi, (count, tubes)))
     twist = np.where(rng.random((count, 1)) < 0.7, 0.0, rng.uniform(-2, 2, (count, tubes)))
     bend[rng.random(count) < 0.15] = 1.0
-    size = rng.uniform(0.5, MOST, count) / np.sqrt(coupling(EI, GJ, bend))
+    size = rng.uniform(0.5, most, count) / np.sqrt(coupling(EI, GJ, bend))
     rods = []
     for k in range(tubes):
         u = np.stack([bend[:, k] * np.cos(azimuth[:, k]), bend[:, k] * np.sin(azimuth[:, k]), np.zeros(count)], axis=1)
@@ -214,9 +214,9 @@ def unstable(problem: BoundaryProblem, unknowns: Any) -> Any:
     return problem.stability.modes().stability == Stability.UNSTABLE
 
 
-def judge(kind: str, count: int, seed: int) -> dict[str, Any]:
+def judge(kind: str, count: int, seed: int, most: float = MOST) -> dict[str, Any]:
     """One piece: what the search for the natural branch says, and what is so; flags and counts, one a scene."""
-    robot, inputs = draw(kind, count, seed)
+    robot, inputs = draw(kind, count, seed, most)
     problem: Any = robot.problem(inputs, integrator=INTEGRATOR)
     solver = mr.Shooting(integrator=INTEGRATOR)
     begin = process_time()
@@ -241,13 +241,15 @@ def judge(kind: str, count: int, seed: int) -> dict[str, Any]:
     }
 
 
-def study(scenes: int, seed: int, piece: int, kinds: tuple[str, ...] = tuple(KINDS)) -> dict[str, dict[str, Any]]:
+def study(
+    scenes: int, seed: int, piece: int, kinds: tuple[str, ...] = tuple(KINDS), most: float = MOST
+) -> dict[str, dict[str, Any]]:
     """All kinds, in pieces."""
     results: dict[str, dict[str, Any]] = {}
     share = {kind: KINDS[kind][3] for kind in kinds}
     for kind in kinds:
         count = round(scenes * share[kind] / sum(share.values()))
-        parts = [judge(kind, min(piece, count - k), seed + k // piece) for k in range(0, count, piece)]
+        parts = [judge(kind, min(piece, count - k), seed + k // piece, most) for k in range(0, count, piece)]
         results[kind] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return results
 
@@ -258,6 +260,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--piece", type=int, default=250)
+    parser.add_argument("--most", type=float, default=MOST, help="of L sqrt(c)")
     parser.add_argument("--kind", choices=tuple(KINDS), action="append")
     parser.add_argument("--list", action="store_true", help="name the scenes that are wrong, unstable or lost")
     options = parser.parse_args()
@@ -267,7 +270,7 @@ def main() -> None:
     total: Counter[str] = Counter()
     for kind in options.kind or KINDS:
         share = KINDS[kind][3] / sum(KINDS[k][3] for k in options.kind or KINDS)
-        found = study(round(options.scenes * share), options.seed, options.piece, (kind,))[kind]
+        found = study(round(options.scenes * share), options.seed, options.piece, (kind,), options.most)[kind]
         n, counts = len(found["status"]), found["integrations"]
         total.update({flag: int(found[flag].sum()) for flag in flags} | {"scenes": n})
         row = [kind, n, *(int(found[flag].sum()) for flag in flags), f"{counts.mean():.1f}", f"{np.percentile(counts, 99):.0f}"]
