@@ -105,7 +105,10 @@ class Shooting(Solver):
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         newton, problem.side = self._newton(problem), self._sign
         if guess is None:
-            return self._first(problem, newton, poses_apart=True)
+            outcome = self._first(problem, newton, poses_apart=True)
+            if self.at_fold != "stop":
+                _tell_passed(problem, outcome)
+            return outcome
         problem.write("unknowns", guess)
         newton.allow(self.max_integrations)
         beyond = problem.out_of_reach()
@@ -288,3 +291,11 @@ class Shooting(Solver):
         """Follow a motion, each sample from the last or from its extrapolation."""
         problem.side = self._sign
         return NewtonTrack(self, problem, PREDICTORS.index(self.predictor))
+
+
+def _tell_passed(problem: BoundaryProblem, outcome: Outcome) -> None:
+    """Name what happened on the way to where paths began."""
+    for k, event in problem.passed.items():
+        if outcome.status[k] in (Status.CONVERGED, Status.BIFURCATED, Status.SNAPPED):
+            outcome.events[k] = (event, *outcome.events.get(k, ()))
+            outcome.status[k] = Status.BIFURCATED if outcome.status[k] == Status.CONVERGED else outcome.status[k]

@@ -633,6 +633,15 @@ def test_a_rod_that_hardly_stretches_begins_buckled_where_it_is_pushed_far(wide)
     motion = mr.simulate(robot, robot.inputs(end_position=np.linspace(0, 1, 6)[:, None] * push), time=np.arange(6.0))
     assert motion.raise_if_failed().stability[-1] == found.stability == mr.Stability.STABLE
     assert found.potential == pytest.approx(motion.potential[-1], rel=1e-7)
+    assert names(motion) == ["BIFURCATED"]
+    assert found.status is mr.Status.BIFURCATED
+    (event,), (other,) = found.events, said(motion)
+    # the step beyond which it is decided is 1e-7 of the way between samples, a fifth of all
+    assert event.load_factor == pytest.approx(other.time / 5, rel=1e-4)
+    np.testing.assert_allclose(event.rod_displacement, other.rod_displacement, rtol=0, atol=1e-6)
+    twin = mr.solve(robot, robot.inputs(end_position=push), solver=mr.Shooting(side="negative"))
+    np.testing.assert_allclose(twin.events[0].rod_displacement, -event.rod_displacement, rtol=0, atol=1e-12)
+    assert not mr.solve(robot, robot.inputs(end_position=push, distributed_force=(1e-3, 0, 0))).events  # led there by a load
     rigid = mr.HeldRod(mr.Rod(**kind))
     assert found.end_force[2] == pytest.approx(mr.solve(rigid, rigid.inputs(end_position=push)).end_force[2], rel=1e-3)
 
@@ -650,8 +659,7 @@ def test_a_strut_between_two_hinges_is_the_elastica(across):
         expected = (0, 0, -((2 * ellipk(m) / longer) ** 2) * EI)
         np.testing.assert_allclose(found.end_force, expected, rtol=0, atol=1e-6 * EI / LENGTH**2)
         middle = sign * longer * np.sqrt(m) / ellipk(m)
-        if across > 1:  # round rods on hinges go to either side (docs/held.md)
-            np.testing.assert_allclose(found.rod(0, nodes=3).position[1], (middle, 0, LENGTH / 2), atol=1e-6 * LENGTH)
+        np.testing.assert_allclose(found.rod(0, nodes=3).position[1], (middle, 0, LENGTH / 2), atol=1e-6 * LENGTH)
     if across > 1:
         heavy = mr.solve(robot, robot.inputs(translation=0.05 * LENGTH, gravity=(-1, 0, 0))).raise_if_failed()
         assert heavy.rod(0, nodes=3).position[1, 0] < 0

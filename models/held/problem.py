@@ -306,7 +306,7 @@ class HeldProblem(BoundaryProblem):
         """
         records = self.snapshot()
         begun = begin(self)
-        self.guess_integrations = begun.integrations
+        self.guess_integrations, self.passed = begun.integrations, begun.passed
         self.table.opening.assign(begun.residual)
         self.restore(records)
         self._natural = np.minimum(1.0, begun.least)

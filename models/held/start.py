@@ -13,7 +13,9 @@ from multirod.batch import IntArray
 from multirod.models.held.kernels.arguments import ACROSS, IN_BALLS
 from multirod.models.held.table import free_in_balls, straight_at_rest
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
+from multirod.results.events import BranchEvent
 from multirod.rotations import cross, matrices, vectors
+from multirod.status import Status
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -44,12 +46,14 @@ class Begun:
         residual: There [1/m], which closes along the path, shape (instance_count, n).
         least: Least singular value of ``Gamma`` there, shape (instance_count,).
         integrations: That it took, shape (instance_count,).
+        passed: By instance, where it buckles that begins beyond.
     """
 
     unknowns: FloatArray
     residual: FloatArray
     least: FloatArray
     integrations: IntArray
+    passed: dict[int, BranchEvent]
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,8 @@ class Start:
         twin: The same, buckled to the other side, where nothing but loads and ``side`` tells which, shape (instance_count, n).
         twofold: Whether that is so, shape (instance_count,).
         end: On the axis of the base, in the world, shape (instance_count, 3).
+        way: Along which its middle begins to move, in the world, shape (instance_count, 3).
+        thrust: Under which it buckles, in ``EI/L^2``, shape (instance_count,).
     """
 
     unknowns: FloatArray
@@ -71,6 +77,8 @@ class Start:
     twin: FloatArray
     twofold: NDArray[np.bool_]
     end: FloatArray
+    way: FloatArray
+    thrust: FloatArray
 
 
 @dataclass(frozen=True)
@@ -105,6 +113,7 @@ def begin(problem: "HeldProblem") -> Begun:
     """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent."""
     x = np.zeros((problem.instance_count, problem.unknown_count))
     buckled, weighed = np.zeros((2, problem.instance_count), dtype=bool)
+    passed: dict[int, BranchEvent] = {}
     problem.table.opening.zero_(), problem.table.direct.zero_()
     with problem.everyone(), problem.at_load(0.0):
         problem.evaluate(x)
@@ -116,7 +125,9 @@ def begin(problem: "HeldProblem") -> Begun:
         stuck = ~(least > REGULAR)
         if stuck.any() or problem.rod.features.shear:
             start = bent_rods(problem, x)
-            stuck |= start.twofold & _pushed_far(problem, start.end)
+            far = start.twofold & _pushed_far(problem, start.end) & ~stuck
+            passed = _passed(problem, start, far & ~loaded(problem))
+            stuck |= far
         if stuck.any():
             x = np.where(stuck[:, None], start.unknowns, x)
             problem.table.direct.assign((stuck & start.direct).astype(np.int32))
@@ -129,7 +140,32 @@ def begin(problem: "HeldProblem") -> Begun:
             if weighed.any():
                 x, residual, gamma = _lower(problem, x, start, weighed)
             least = _least_singular_value(gamma)
-    return Begun(x, residual, least, INTEGRATIONS_AT_REST + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed)
+    integrations = INTEGRATIONS_AT_REST + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed
+    return Begun(x, residual, least, integrations, passed)
+
+
+def _passed(problem: "HeldProblem", start: Start, far: NDArray[np.bool_]) -> dict[int, BranchEvent]:
+    """(26) Where rods buckle whose ends are pushed ``far``, (instance_count,), beyond."""
+    if not far.any():
+        return {}
+    material, length = problem.rod.arrays.material[:, 0], problem.length_in_use()
+    soft, stretch = problem.rod.each(material[..., :2].min(axis=(1, 2))), problem.rod.each(material[..., 8].max(axis=1))
+    shear = problem.rod.each(material[..., 6:8].max(axis=(1, 2)))
+    critical, more = start.thrust * soft / length**2, shear - stretch
+    thrust = 2 * critical / (1 + np.sqrt(1 + 4 * critical * more))
+    short = 1 - np.linalg.norm(start.end - problem.rod.table.base_position.numpy(), axis=1) / length
+    return {
+        k: BranchEvent(
+            status=Status.BIFURCATED,
+            fold=False,
+            load_factor=float(thrust[k] * stretch[k] / short[k]),
+            progress=np.nan,
+            energy_lost=0.0,
+            tip_displacement=np.zeros(3),
+            rod_displacement=start.way[k],
+        )
+        for k in np.flatnonzero(far).tolist()
+    }
 
 
 def _settled(
@@ -245,7 +281,17 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     bent = [np.where(buckles, _buckled(problem, sign * about, soft, np.sqrt(short)), 0.0) for sign in (1.0, -1.0)]
     end = base + (1 - short) * length * problem.base_frame[:, :, 2]
     begins = (buckles & (short > BUCKLED))[:, 0]
-    return Start(result + bent[0], direct[:, 0], begins, result + bent[1], begins & ~told[:, 0], end)
+    way = np.einsum("bij,bj->bi", problem.base_frame, cross(about, np.broadcast_to([0.0, 0.0, 1.0], about.shape)))
+    return Start(
+        result + bent[0], direct[:, 0], begins, result + bent[1], begins & ~told[:, 0], end, way, _thrust(problem, about)
+    )
+
+
+def _thrust(problem: "HeldProblem", about: FloatArray) -> FloatArray:
+    """(23) Under which a rod buckles about an axis, in ``EI/L^2``, shape (instance_count,)."""
+    holders = problem.holders
+    base, end = (_turns(*own, about) for own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis)))
+    return np.array([MODES[bool(own), bool(other)].thrust for own, other in zip(base, end, strict=True)])
 
 
 def _hinge(problem: "HeldProblem") -> FloatArray | None:

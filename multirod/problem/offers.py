@@ -1,5 +1,9 @@
 """What only some boundary problems offer, and what is assumed of those that do not."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +13,9 @@ from multirod.segments import Segments
 from multirod.stability import StabilityAnalysis
 from multirod.status import Status, failures
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.results.events import BranchEvent
 
 NEUTRAL_VALUE = 1e-12  # of the largest singular value of Gamma: with less, straight rods answer a force along themselves
 STILL = 1e-6  # of a change of unknowns (norm 1): those that change by less do not
@@ -21,7 +28,13 @@ def neutral_ways(gamma: FloatArray) -> FloatArray:
 
 
 class Offers(Buffers):
-    """What a ``BoundaryProblem`` offers beside residual and ``Gamma``: objects, or None, and answers to what solvers ask."""
+    """What a ``BoundaryProblem`` offers beside residual and ``Gamma``: objects, or None, and answers to what solvers ask.
+
+    Attributes:
+        passed: By instance, what happened on the way to where ``guess`` begins, as it was last called.
+    """
+
+    passed: "Mapping[int, BranchEvent]" = MappingProxyType({})
 
     # ---- what only some offer ----
 
