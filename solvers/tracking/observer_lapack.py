@@ -1,6 +1,8 @@
 """One sample of the observer by LAPACK: for blocks too large for a kernel's registers, and for the plain coupling.
 
-The same equations as in ``observer_kernels.py``, batched over the instances. Numbers are those of ``docs/observer.md``.
+The same equations as in ``observer_kernels.py``, batched over the instances. Numbers are those of ``docs/observer.md``. Kernels
+alone would not do: Jacobi's rotations take as long as this for 24 unknowns, three times as long for 42, those of six legs, and
+eight times for 72 (``python tests/benchmarks/observer_sizes.py``).
 """
 
 from typing import TYPE_CHECKING, Any
