@@ -9,7 +9,7 @@ from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation.natural import natural_branch
-from multirod.solvers.following.follow import follow
+from multirod.solvers.following.follow import ENDED, follow
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
@@ -164,7 +164,7 @@ class Shooting(Solver):
             tried = self._hand_over(problem, newton, outcome, handed, reached, ends)
         if self.fallback and failures(outcome.status).any():
             self._segmented().rescue(problem, outcome, self._left(outcome), tried)
-        lost = chosen & (outcome.status == Status.BRANCH_END)
+        lost = chosen & np.isin(outcome.status, ENDED)
         if lost.any() and reached is not None and not multistable:
             self._follow(problem, newton, outcome, lost, reached, ends)
         if unbounded is not None:

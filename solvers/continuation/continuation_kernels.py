@@ -68,6 +68,7 @@ class PathState:
     surprise: wp.array2d[wp.float64]  # those found instead
     surprised: wp.array[int]  # whether there are any, at twice the present step
     rough: wp.array[int]  # whether the latest is where Newton's method would go on: its residual is not within the tolerance
+    misled: wp.array[int]  # whether Gamma there said another thing of its modes than at the equilibrium: then none is rough
     probed: wp.array[int]  # how far the look halfway is, ``UNSEEN`` and so on
     trial: wp.array2d[wp.float64]  # the unknowns at the goal meanwhile
     halfway: wp.array3d[wp.float64]  # Gamma there, or, where the look is the step's last integration, at the goal
@@ -326,7 +327,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         on_the_way = state.goal[t] < f64(1.0) and state.newton.iterations[t] > 1
         if wp.static(told):  # of one comparison
             on_the_way = on_the_way and state.goal[t] <= state.sure_level[t]
-        on_the_way = on_the_way and state.newton.merit[t] <= f64(wp.static(FALL)) * merit
+        on_the_way = on_the_way and state.misled[t] == 0 and state.newton.merit[t] <= f64(wp.static(FALL)) * merit
         ahead = wp.min(f64(1.0), (f64(1.0) - state.goal[t]) / (state.goal[t] - state.levels[t, 0]))
         return on_the_way and part * state.newton.contraction[t] <= f64(wp.static(ON_THE_WAY)) * ahead
 
@@ -400,6 +401,9 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         if found != wp.static(int(Status.CONVERGED)):
             return why(state, t, found)
         state.iterations[t] = state.iterations[t] + state.newton.iterations[t]
+        if not alike(state, t, wp.static(BEFORE), wp.static(BEFORE), f64(1.0)):
+            state.misled[t] = 1
+            return wp.static(int(Status.BRANCH_END))
         state.rough[t] = 0
         set_latest(state, t)
         return wp.static(int(Status.NOT_RUN))

@@ -57,7 +57,7 @@ class Paths:
         self.state = state
         state.newton = newton.state
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
-        counts = ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "rough", "probed", "doubted")
+        counts = ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "rough", "misled", "probed", "doubted")
         for name in counts:
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("step", "goal", "safe_step", "most_step", "sure_level", "apart"):
@@ -90,6 +90,7 @@ class Paths:
                 "halved",
                 "surprised",
                 "rough",
+                "misled",
                 "probed",
                 "known",
             )
@@ -128,8 +129,8 @@ class Paths:
         self.handed = None
         if self._first_values is None:
             arrays = [state.status, state.iterations, state.integrations, state.steps, state.known, state.halved, state.surprised]
-            arrays += [state.rough, state.probed, state.doubted, state.step, state.goal, state.apart, state.points, state.levels]
-            arrays += [state.reference, state.expected, state.surprise, state.trial, state.middle, state.halfway]
+            arrays += [state.rough, state.misled, state.probed, state.doubted, state.step, state.goal, state.apart, state.points]
+            arrays += [state.levels, state.reference, state.expected, state.surprise, state.trial, state.middle, state.halfway]
             self._first_values = [array.numpy() for array in arrays]
         for values in self._first_values:
             values.fill(0)
@@ -166,16 +167,37 @@ class Paths:
         reached that one may be if that is more, up to ``most_step``. Where it is ``sure`` that no mode can vanish and come back,
         steps are not looked at halfway. What is not ``chosen`` is left as it is.
         """
-        problem, state = self.problem, self.state
-        state.by_inputs = 0
+        self.state.by_inputs = 0
         self._set("safe_step", safe_step)
         self._set("most_step", most_step)
         self._set("sure_level", sure)
-        state.growth = growth
-        problem.write("unknowns", np.where(chosen[:, None], unknowns, problem.read("unknowns")))
-        with problem.at_load(np.where(chosen, 0.0, 1.0)):
-            self._set_out(chosen, known=0)
-            return self._follow(integrated=problem.integrate_alike())
+        self.state.growth = growth
+
+        def go(some: BoolArray) -> Outcome:
+            problem = self.problem
+            problem.write("unknowns", np.where(some[:, None], unknowns, problem.read("unknowns")))
+            with problem.at_load(np.where(some, 0.0, 1.0)):
+                self._set_out(some, known=0)
+                return self._follow(integrated=problem.integrate_alike())
+
+        return self._led(go, chosen)
+
+    def _led(self, go: Callable[[BoolArray], Outcome], chosen: BoolArray) -> Outcome:
+        """``go`` of the chosen; again of those whose ``Gamma`` misled where Newton's method had not come to its end: by
+        equilibria alone."""
+        self._set("misled", 0)
+        outcome, misled = go(chosen), self._get("misled") != 0
+        if misled.any():
+            allowed = self._newton.allowed()
+            self._newton.allow(np.maximum(allowed - outcome.integrations, 0))
+            again = go(misled)
+            self._newton.allow(allowed)
+            assert outcome.reached is not None
+            assert again.reached is not None
+            outcome.status[misled], outcome.reached[misled] = again.status[misled], again.reached[misled]
+            outcome.iterations[misled] += again.iterations[misled]
+            outcome.integrations[misled] += again.integrations[misled]
+        return outcome
 
     def _get(self, name: str) -> NDArray[Any]:
         """A copy of a number of every instance."""
@@ -217,11 +239,15 @@ class Paths:
         self._set("safe_step", safe_step)
         state.most_step.assign(TURN / np.maximum(problem.turning(before), 1e-300))
         state.sure_level.fill_(0.0 if problem.may_jump else 1.0)
-        state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
-        state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
-        self._set_out(chosen, known=1)
-        with problem.at_load(1.0) if dip else nullcontext():  # paths that end on the way leave theirs
-            outcome = self._follow()
+
+        def go(some: BoolArray) -> Outcome:
+            state.points.assign(np.repeat(unknowns[:, None], 3, axis=1))
+            state.reference.assign(np.ascontiguousarray(gamma).reshape(state.reference.shape))
+            self._set_out(some, known=1)
+            with problem.at_load(1.0) if dip else nullcontext():  # paths that end on the way leave theirs
+                return self._follow()
+
+        outcome = self._led(go, chosen)
         problem.write("inputs", after)
         return outcome
 

@@ -20,9 +20,10 @@ from multirod.solvers.following.journey import Journey
 from multirod.solvers.following.many import correct, descend, trace
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Judgement, Request, Run, Settle, Trace
 from multirod.solvers.following.walk import NOISY
-from multirod.status import failures
+from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
+ENDED = (Status.BRANCH_END, Status.MAX_ITERATIONS)  # of a way: where a branch ends, or creeps
 TOGETHER = 4096  # instances on their way at once
 PIECES = 6  # into which clamps cut a rod
 

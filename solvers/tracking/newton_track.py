@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track, knows
 from multirod.solvers.continuation.paths import TURN, Paths
+from multirod.solvers.following.follow import ENDED
 from multirod.solvers.newton.iteration import UNLIMITED
 from multirod.solvers.newton.newton_kernels import Sample
 from multirod.solvers.starting.letting_out import let_out, loosened
@@ -188,7 +189,7 @@ class NewtonTrack(Track):
                 self._let_out(stuck, outcome, paths, before, last[0])
         # where many modes are soft, steps may become small just before one vanishes
         stalled = doubtful & (outcome.status == Status.STALLED)
-        ended = stalled | (doubtful & (outcome.status == Status.BRANCH_END))
+        ended = stalled | (doubtful & np.isin(outcome.status, ENDED))
         if ended.any():
             assert reached is not None  # by every path
             self.options._follow(self.problem, self.newton, outcome, ended, reached, ends, before)
