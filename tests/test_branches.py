@@ -376,3 +376,48 @@ def test_two_tubes_snap_across_where_their_torsion_says_and_back():
     others = mr.equilibria(robot, history.inputs[after])
     stable = others.tip_position[others.index == 0]
     assert np.linalg.norm(stable - history.tip_position[after], axis=1).min() < 1e-6
+
+
+# ---- loads whose sideways parts nearly cancel: a rod bends in their plane and turns about its axis at almost no cost ----
+
+NEARLY_AXIAL = mr.SingleRod(mr.Rod(length=0.12, bending_stiffness=6e-4, torsional_stiffness=6e-4 / 1.3))
+THRUST, AGAINST = np.array([0.00369, 0.0, -0.345]), np.array([-0.069, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("part", [1.0, 1.02, 1.05, 1.1])
+def test_what_newtons_method_has_not_finished_does_not_lead_past_a_bifurcation(part):
+    """Gamma at its last step but one had another sign of the soft mode: these were ``CONVERGED`` and unstable, without event."""
+    found = mr.solve(NEARLY_AXIAL, NEARLY_AXIAL.inputs(tip_force=THRUST, distributed_force=part * AGAINST))
+    assert found.status is mr.Status.SNAPPED
+    assert found.stability is mr.Stability.STABLE
+    (event,) = found.events
+    (critical,) = mr.critical_loads(NEARLY_AXIAL, found.inputs)
+    assert event.load_factor == pytest.approx(critical.load_factor, rel=1e-2)
+    assert found.tip_position[0] < 0  # the other way than the thrust, where the distributed force pushes
+
+
+@pytest.mark.parametrize("aside", [1e-6, 1e-5, 1e-4])
+def test_a_branch_that_turns_about_at_almost_no_cost_is_followed_where_it_creeps(aside):
+    """``MAX_ITERATIONS`` before: steps along it may be no longer than the soft mode is stiff."""
+    inputs = NEARLY_AXIAL.inputs(tip_force=THRUST + np.array([0, aside, 0]), distributed_force=AGAINST)
+    found = mr.solve(NEARLY_AXIAL, inputs).raise_if_failed()
+    assert found.stability is mr.Stability.STABLE
+    assert found.tip_position[0] < 0 < found.tip_position[1]
+
+
+@pytest.mark.parametrize(
+    ("thrust", "against"),
+    [
+        (THRUST, AGAINST),
+        ((0.00036761, 0, -0.19044868), (-0.00782057, 0, 0)),
+        ((0.00195724, 0, -0.21602298), (-0.03923781, 0, 0)),
+    ],
+)
+def test_motions_in_small_steps_past_such_a_bifurcation_are_stable_or_say_so(thrust, against):
+    """In samples so close that one cannot tell yet whether its mode has vanished: the next ones stayed on what is unstable."""
+    time = np.linspace(0, 1, 1001)
+    inputs = NEARLY_AXIAL.inputs(tip_force=time[:, None] * thrust, distributed_force=time[:, None] * against)
+    motion = mr.simulate(NEARLY_AXIAL, inputs, time=time)
+    assert any(motion.events)
+    assert not (~motion.failed & (motion.stability == mr.Stability.UNSTABLE)).any()
+    assert motion.failed.sum() <= 2

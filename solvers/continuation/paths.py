@@ -57,8 +57,8 @@ class Paths:
         self.state = state
         state.newton = newton.state
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
-        counts = ("status", "iterations", "integrations", "steps", "known", "halved", "surprised", "rough", "misled", "probed", "doubted")
-        for name in counts:
+        counts = ("status", "iterations", "integrations", "steps", "known", "halved", "surprised")
+        for name in (*counts, "rough", "misled", "probed", "doubted"):
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("step", "goal", "safe_step", "most_step", "sure_level", "apart"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))

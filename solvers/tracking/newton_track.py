@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track, knows
 from multirod.solvers.continuation.paths import TURN, Paths
+from multirod.solvers.following.descent import SOFT
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.newton.iteration import UNLIMITED
 from multirod.solvers.newton.newton_kernels import Sample
 from multirod.solvers.starting.letting_out import let_out, loosened
 from multirod.solvers.tracking.kinks import passed_kinks
+from multirod.stability import modes_of
 from multirod.status import BoolArray, Status, failures
 from multirod.validation import FloatArray
 
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 
 SAME = 1e-6  # unknowns that are, beside 1/m and themselves
 FRESH = 1e-3  # of the way between two samples, that the first step from where a motion has just come to is
+JUST_THERE = 1 - 1e-9  # of the way between two samples: its end, taken for where a branch ended
 DIP = 0.1  # of the load, that is taken off on the way past a kink
 _CONVERGED = int(Status.CONVERGED)
 
@@ -66,6 +69,8 @@ class NewtonTrack(Track):
         self.all_known = False
         # where branches are near: what came there by an event
         self.fresh, self._any_fresh = np.zeros(problem.instance_count, dtype=bool), False
+        # where a branch ended at a sample that cannot tell yet whether it is stable
+        self.edge = np.zeros(problem.instance_count, dtype=bool)
         self._taut = np.zeros(problem.instance_count, dtype=bool)  # at this sample, which neither follows nor is followed
 
     @property
@@ -146,8 +151,8 @@ class NewtonTrack(Track):
         """What may have left its branch is solved again, and the sample is kept."""
         problem, newton = self.problem, self.newton
         turned = self._turned()
-        fresh = bool(self.fresh.any())
-        if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh):
+        fresh, edge = bool(self.fresh.any()), self.edge.copy()
+        if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh or edge.any()):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
             doubtful &= ~passed_kinks(problem, newton, doubtful & (outcome.status == _CONVERGED), self.last)
             if turned is not None:
@@ -162,6 +167,8 @@ class NewtonTrack(Track):
             if own is not None:
                 # where both lead to the same, branches are no longer near
                 self.fresh &= ~(calm & np.isclose(own, problem.read("unknowns"), rtol=SAME, atol=SAME).all(axis=1))
+            if edge.any():
+                self._leave_edge(edge & (outcome.status == _CONVERGED), outcome, self.inputs)
         return self._keep(outcome)
 
     def _turned(self) -> BoolArray | None:
@@ -194,6 +201,23 @@ class NewtonTrack(Track):
             assert reached is not None  # by every path
             self.options._follow(self.problem, self.newton, outcome, ended, reached, ends, before)
             outcome.status[stalled & (outcome.status == Status.BRANCH_END)] = Status.STALLED
+            self.edge |= ended & (outcome.status == _CONVERGED)
+
+    def _leave_edge(self, chosen: BoolArray, outcome: Outcome, before: FloatArray) -> None:
+        """Go on from where modes vanished at a sample before, once that has told: what is unstable now is left, what is stable
+        is so as ever."""
+        places, parts = np.flatnonzero(chosen), self.problem.parts
+        if not len(places) or parts is None:
+            return
+        lowest = modes_of(parts.of(places)).eigenvalue(0)
+        outcome.integrations[places] += 1
+        self.edge[places[lowest > SOFT]] = False
+        lost = np.zeros_like(chosen)
+        lost[places[lowest < -SOFT]] = True
+        if lost.any():
+            ends, reached = self.problem.read("unknowns"), np.full(len(chosen), JUST_THERE)
+            self.options._follow(self.problem, self.newton, outcome, lost, reached, ends, before)
+            self.edge &= ~lost | failures(outcome.status)
 
     def _let_out(self, stuck: BoolArray, outcome: Outcome, paths: Paths, before: FloatArray, last: FloatArray) -> None:
         """What is stuck beside a line at its kink, from the last good sample with all lines longer, on a way where they are."""
@@ -248,5 +272,5 @@ class NewtonTrack(Track):
             self.known &= ~self._taut
             self.all_known = bool(self.known.all())
         self.inputs = self._last_inputs
-        self._any_fresh = bool(self.fresh.any())
+        self._any_fresh = bool(self.fresh.any() or self.edge.any())
         return outcome
