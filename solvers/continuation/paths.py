@@ -31,6 +31,11 @@ MOST_STEPS = 32 * 65_536  # of the integrator for each rod, in all integrations 
 CREEPING = 100  # steps to the full load, at the pace of the last, of what does
 ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
 
+COUNTS = (
+    *("status", "iterations", "integrations", "steps", "known", "halved"),
+    *("surprised", "rough", "misled", "probed", "doubted"),
+)
+
 
 class Paths:
     """Paths of all instances of a problem from level 0 to level 1, each in steps of its own.
@@ -57,8 +62,7 @@ class Paths:
         self.state = state
         state.newton = newton.state
         state.load_factor, state.inputs = problem.load_factor, problem.inputs
-        counts = ("status", "iterations", "integrations", "steps", "known", "halved", "surprised")
-        for name in (*counts, "rough", "misled", "probed", "doubted"):
+        for name in COUNTS:
             setattr(state, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("step", "goal", "safe_step", "most_step", "sure_level", "apart"):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
@@ -76,24 +80,7 @@ class Paths:
         self._remaining = self._rounds.remaining
         self._in_place: dict[str, Any] = {}
         if wp.get_device(device).is_cpu:
-            names = (
-                "safe_step",
-                "most_step",
-                "sure_level",
-                "load_factor",
-                "status",
-                "iterations",
-                "integrations",
-                "levels",
-                "step",
-                "steps",
-                "halved",
-                "surprised",
-                "rough",
-                "misled",
-                "probed",
-                "known",
-            )
+            names = (*COUNTS, "safe_step", "most_step", "sure_level", "load_factor", "levels", "step")
             self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
         self._newton = newton
         self._tolerance = newton.tolerance
@@ -183,8 +170,7 @@ class Paths:
         return self._led(go, chosen)
 
     def _led(self, go: Callable[[BoolArray], Outcome], chosen: BoolArray) -> Outcome:
-        """``go`` of the chosen; again of those whose ``Gamma`` misled where Newton's method had not come to its end: by
-        equilibria alone."""
+        """``go`` of the chosen; again, by equilibria alone, of those that what Newton's method had not finished misled."""
         self._set("misled", 0)
         outcome, misled = go(chosen), self._get("misled") != 0
         if misled.any():
@@ -192,11 +178,10 @@ class Paths:
             self._newton.allow(np.maximum(allowed - outcome.integrations, 0))
             again = go(misled)
             self._newton.allow(allowed)
-            assert outcome.reached is not None
-            assert again.reached is not None
-            outcome.status[misled], outcome.reached[misled] = again.status[misled], again.reached[misled]
-            outcome.iterations[misled] += again.iterations[misled]
-            outcome.integrations[misled] += again.integrations[misled]
+            for name in ("status", "reached"):
+                getattr(outcome, name)[misled] = getattr(again, name)[misled]
+            for name in ("iterations", "integrations"):
+                getattr(outcome, name)[misled] += getattr(again, name)[misled]
         return outcome
 
     def _get(self, name: str) -> NDArray[Any]:
