@@ -46,6 +46,18 @@ def test_mechanisms_are_told_at_once_and_name_what_moves(made, names):
         found.raise_if_failed()
 
 
+@pytest.mark.parametrize("moment", [(0.02, 0.05, -0.01), (0.05, 0.01, 0.02)])
+def test_what_is_said_of_mechanisms_under_moments_is_bounded(moment):
+    """Moments have no potential, and without loads nothing rests: no search goes there, nor beyond what is allowed."""
+    robot = swing()
+    inputs = robot.inputs(moment={"table": moment}, force={"table": (0.1, -0.2, 0.1)})
+    found = mr.solve(robot, inputs)
+    assert found.status in (mr.Status.LOOSE, mr.Status.DAMPED)
+    assert found.integrations < 3800  # as many and 4200 of a search among what rests without loads before
+    few = mr.solve(robot, inputs, solver=mr.Shooting(max_integrations=300))
+    assert few.integrations <= 310  # and the few that judge
+
+
 def test_what_loads_or_springs_hold_is_solved():
     robot = swing()
     hung = mr.solve(robot, robot.inputs(force={"table": (0, 0, 0.5)})).raise_if_failed()

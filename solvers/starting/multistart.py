@@ -169,7 +169,10 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
     if stability is None or not stability.multistable or parts is None or problem.starts is None or not lost.any():
         return
     raised = lost & ~stability.has_potential if problem.joints is not None else np.zeros_like(lost)
-    for chosen, search in ((lost & ~raised, _search), (raised, partial(_search_unloaded, max_steps=max_steps))):
+    lost = lost & ~raised
+    if raised.any():
+        raised &= ~problem.is_loose()  # which rests nowhere without its loads
+    for chosen, search in ((lost, _search), (raised, partial(_search_unloaded, max_steps=max_steps))):
         for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
             if not len(places):
                 continue
