@@ -116,6 +116,11 @@ class WrappedProblem(BoundaryProblem):
         with self.presented():
             return self.inner.natural_singular_value
 
+    @property
+    def natural_gamma(self) -> FloatArray | None:  # noqa: D102
+        self.present()
+        return self.inner.natural_gamma
+
     def adopt(self, unknowns: FloatArray) -> FloatArray:  # noqa: D102
         return self.inner.adopt(unknowns)
 

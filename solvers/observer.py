@@ -1,7 +1,7 @@
 """The nonlinear observer of Thamo, Dhaliwal and Khadem (ICRA 2021), for the unknowns of any boundary problem."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -50,7 +50,7 @@ class Observer(Solver):
             own part of Gamma only and can be unstable.
         scaling: The variables in which R, Q and P0 are meant. ``"none"``: those of the problem; ``"equilibrated"``: those in
             which the largest entry of each row and column of Gamma is 1; ``"newton"``: those in which Gamma is the identity, so
-            that all modes decay at the same rate, sqrt(R Q).
+            that all modes decay at the same rate, sqrt(R Q). None is ``"none"``, and ``"newton"`` of networks.
         riccati: ``"steady"``: the steady state at the present Gamma; ``"forward"``: integrated from ``P0`` in time;
             ``"horizon"``: backward over ``horizon`` from ``P0`` at the present Gamma, as the paper's text has it.
         horizon: [s].
@@ -60,7 +60,8 @@ class Observer(Solver):
         correct_output: Whether the pose is corrected to first order by its sensitivity.
         fold_threshold: Smallest singular value of the scaled Gamma (of Gamma for ``"newton"``) below which the status is
             ``NEAR_FOLD``, and of a pivot below which it is ``SINGULAR_PIVOT``; in units of what is natural to the problem, 1
-            but for parallel rods, whose Gamma has small singular values where nothing is near a fold.
+            but for parallel rods, whose Gamma has small singular values where nothing is near a fold. Of networks, but
+            equilibrated, it is the smallest eigenvalue by size of Gamma times the inverse of what it is unloaded, (26).
         tolerance: Largest residual for ``solve``, max norm [1/m]; None is that of ``Shooting``.
         max_iterations: Samples allowed for ``solve``.
         ramp: Samples over which ``solve`` raises the loads.
@@ -77,7 +78,7 @@ class Observer(Solver):
     P0: Numbers = 0.5
     integrator: Integrator = field(default_factory=RK45)
     coupling: Coupling = "full"
-    scaling: Scaling = "none"
+    scaling: Scaling | None = None
     riccati: Riccati = "steady"
     horizon: float = 0.5
     update: Update = "exact"
@@ -99,7 +100,8 @@ class Observer(Solver):
                 value = _definite(f"Observer.{name}", value)
             object.__setattr__(self, name, value)
         choice("Observer.coupling", self.coupling, COUPLINGS)
-        choice("Observer.scaling", self.scaling, SCALINGS)
+        if self.scaling is not None:
+            choice("Observer.scaling", self.scaling, SCALINGS)
         choice("Observer.riccati", self.riccati, RICCATI)
         choice("Observer.update", self.update, UPDATES)
         self._check_tolerance()
@@ -166,6 +168,9 @@ class ObserverTrack(SampledTrack):
     """The observer on the buffers of one problem; ``state`` holds its arrays."""
 
     def __init__(self, options: Observer, problem: BoundaryProblem, dt: float) -> None:
+        natural = problem.natural_gamma
+        if options.scaling is None:
+            options = replace(options, scaling="none" if natural is None else "newton")
         self.options = options
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
@@ -204,6 +209,7 @@ class ObserverTrack(SampledTrack):
                 gains=gains,
                 options=options,
                 dt=dt,
+                natural=natural,
             )
         else:
             self._launch = self._record(blocks, sizes, gains, dt)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
 
 CLOSED = 1e-4  # of a length, that a gap is closed to
+REGULAR = 1e-8  # least singular value of a network that is not singular, of the largest
 ARRAYS = ("opening", "soft", "shift", "loading")
 
 
@@ -101,6 +102,18 @@ class Closing:
             else:
                 least[k] = np.linalg.svd(own.dense(gamma[k]), compute_uv=False)[-1]
         return np.minimum(least, 1.0)
+
+    def natural_gamma(self) -> FloatArray:
+        """Of the network taken apart; where that is singular, with ends that give way, as at ``guess``."""
+        problem, apart = self.problem, self.apart()
+        soft = problem.entries.dense(apart.gamma)
+        with self.unloaded(), np.errstate(all="ignore"):
+            problem.write("unknowns", apart.unknowns)
+            problem.integrate()
+            hard = problem.entries.dense(self.numbers())
+        values = np.linalg.svd(np.nan_to_num(hard, posinf=0.0, neginf=0.0), compute_uv=False)
+        regular = np.isfinite(hard).all(axis=(1, 2)) & (values[:, -1] > REGULAR * values[:, 0])
+        return np.where(regular[:, None, None], hard, soft)
 
     def loose(self) -> list[str]:
         """(33) Told by the network taken apart and unloaded, whose rods give way along themselves."""

@@ -363,6 +363,10 @@ class NetworkProblem(BoundaryProblem):
     def natural_singular_value(self) -> FloatArray:  # noqa: D102
         return self.closing.singular_value()
 
+    @property
+    def natural_gamma(self) -> FloatArray:  # noqa: D102
+        return self.closing.natural_gamma()
+
     def loose(self) -> list[str]:  # noqa: D102
         return self.closing.loose()
 

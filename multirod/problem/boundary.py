@@ -132,6 +132,12 @@ class BoundaryProblem(ByInputs, Offers):
         """
         return np.ones(self.instance_count)
 
+    @property
+    def natural_gamma(self) -> FloatArray | None:
+        """``Gamma`` far from any fold, regular, shape (instance_count, n, n), where its singular values are decades apart there:
+        how near a fold is, is told against it. None where they are not. As ``natural_singular_value`` says."""
+        return None
+
     def adopt(self, unknowns: FloatArray) -> FloatArray:
         """Unknowns (instance_count, m) of a problem of the same assembly, as those of this one, (instance_count, n).
 

@@ -31,6 +31,7 @@ class LargeSample:
         gains: R, Q and P0 as matrices, in the order of the blocks.
         options: Of the observer.
         dt: Sample time [s].
+        natural: ``BoundaryProblem.natural_gamma``, which Gamma is told against where it is not equilibrated.
     """
 
     def __init__(
@@ -42,6 +43,7 @@ class LargeSample:
         gains: dict[str, FloatArray],
         options: "Observer",
         dt: float,
+        natural: FloatArray | None = None,
     ) -> None:
         from scipy.linalg import sqrtm
 
@@ -49,6 +51,9 @@ class LargeSample:
         self.blocks = [slice(int(end - size), int(end)) for end, size in zip(ends, sizes, strict=True)]
         self.rows, self.columns, self.options, self.dt = rows, columns, options, dt
         self.eliminated = options.coupling != "per-rod-plain"
+        self._against: FloatArray | None = None
+        if natural is not None and options.scaling != "equilibrated":
+            self._against = _inverse(natural[:, rows][:, :, columns])
         self.R, self.Q, self.P0 = gains["R"], gains["Q"], gains["P0"]
         self.R_root = np.real(sqrtm(self.R))
         self.Q_root = np.real(sqrtm(self.Q))
@@ -68,7 +73,7 @@ class LargeSample:
         if sound.any():
             slopes = problem.residual_directions.numpy()[sound, :, 0] if options.feed_forward else np.zeros((sound.sum(), n))
             found, newton = self._update(
-                eps[sound], gamma[sound], slopes, kept["riccati"][sound], state.fold_threshold.numpy()[sound]
+                eps[sound], gamma[sound], slopes, kept["riccati"][sound], state.fold_threshold.numpy()[sound], sound
             )
             found["following"] += problem.read("unknowns")[sound]
             for name, values in found.items():
@@ -79,7 +84,7 @@ class LargeSample:
             getattr(state, name).assign(values)
 
     def _update(
-        self, eps: FloatArray, gamma: FloatArray, slopes: FloatArray, riccati: FloatArray, fold: FloatArray
+        self, eps: FloatArray, gamma: FloatArray, slopes: FloatArray, riccati: FloatArray, fold: FloatArray, chosen: BoolArray
     ) -> tuple[dict[str, Any], FloatArray]:
         """New values of the state's arrays (``following``: the change of the unknowns), and Newton's step."""
         options, blocks, newton = self.options, self.blocks, self.options.scaling == "newton"
@@ -142,6 +147,9 @@ class LargeSample:
         move[held] = 0.0
 
         early = (pivot[:, :-1] < fold[:, None]).any(axis=1) & self.eliminated
+        if self._against is not None:  # (26)
+            relative = np.abs(np.linalg.eigvals(np.nan_to_num(scaled @ self._against[chosen]))).min(axis=1)
+            smallest, fold = np.where(smallest > 0, relative, 0.0), np.full_like(fold, options.fold_threshold)
         status = np.select(
             [beyond, unstable, held & (smallest >= fold), early & (smallest == 0), smallest < fold, early],
             [
