@@ -62,12 +62,13 @@ def of_a_hole():
     return mr.Network(rods={"post": post, "slider": wire}, bodies=[disc], joints=joints), {"force": {"disc": (0.05, 0.02, 0)}}
 
 
-def of_discs():
+def of_discs(count=2):
     """Rods between holes hardly stretch: the least singular value is 1e-5 of the largest, and no fold is near."""
     inner = mr.Rod.wire(length=0.1, diameter=1e-3, **E)
-    beside = [mr.Rod.wire(length=0.1, diameter=0.8e-3, extensible=True, **E)] * 2
-    robot = mr.multibackbone(inner, beside, offsets=[(0.004, 0), (-0.002, 0.003)], discs=2)
-    return robot, {"translation": {"rod 0": 0.002}, "force": {"disc 2": (0.2, 0, -0.2)}}
+    beside = [mr.Rod.wire(length=0.1, diameter=0.8e-3, extensible=True, **E)] * 3
+    offsets = [(0.004, 0), (-0.002, 0.002 * np.sqrt(3)), (-0.002, -0.002 * np.sqrt(3))]
+    robot = mr.multibackbone(inner, beside, offsets=offsets, discs=count)
+    return robot, {"translation": {"rod 0": 0.002, "rod 1": -0.001, "rod 2": -0.001}, "force": {f"disc {count}": (0.2, 0, -0.2)}}
 
 
 SOLVERS = {
@@ -80,7 +81,7 @@ SOLVERS = {
 CASES = [(network, name) for network in (of_joints, of_tubes_and_lines, of_a_hole) for name in SOLVERS]
 
 
-@pytest.mark.parametrize(("network", "name"), [*CASES, (of_discs, "observer"), (of_discs, "observer per rod")])
+@pytest.mark.parametrize(("network", "name"), [*CASES, (of_discs, "observer")])
 def test_solvers_agree_with_shooting(network, name):
     robot, given = network()
     solver = SOLVERS[name]
@@ -92,12 +93,10 @@ def test_solvers_agree_with_shooting(network, name):
     np.testing.assert_allclose(found.tip_rotation, expected.tip_rotation, atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    ("part", "expected"), [(0.9, mr.Status.CONVERGED), (0.98, mr.Status.BRANCH_END), (1.1, mr.Status.BRANCH_END)]
-)
-def test_the_observer_says_where_discs_buckle(part, expected):
-    robot, _ = of_discs()
-    pressed = robot.inputs(force={"disc 2": (0, 0, -1.0)})
-    (critical,) = mr.critical_loads(robot, pressed)
-    inputs = robot.inputs(force={"disc 2": (0, 0, -part * critical.load_factor)})
-    assert mr.solve(robot, inputs, solver=mr.Observer(integrator=RK4)).status is expected
+def test_the_observer_says_where_discs_buckle():
+    """Its number without scale falls as ``1 - F/F_c``, whatever else is nearly singular."""
+    robot, _ = of_discs(5)
+    (critical,) = mr.critical_loads(robot, robot.inputs(force={"disc 5": (0, 0, -1.0)}))
+    for part, expected in ((0.9, mr.Status.CONVERGED), (0.98, mr.Status.BRANCH_END), (1.1, mr.Status.BRANCH_END)):
+        inputs = robot.inputs(force={"disc 5": (0, 0, -part * critical.load_factor)})
+        assert mr.solve(robot, inputs, solver=mr.Observer(integrator=RK4)).status is expected, part
