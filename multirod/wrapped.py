@@ -118,7 +118,7 @@ class WrappedProblem(BoundaryProblem):
 
     @property
     def natural_gamma(self) -> FloatArray | None:  # noqa: D102
-        self.present()
+        with self.presented():
         return self.inner.natural_gamma
 
     def adopt(self, unknowns: FloatArray) -> FloatArray:  # noqa: D102
