@@ -119,7 +119,7 @@ class WrappedProblem(BoundaryProblem):
     @property
     def natural_gamma(self) -> FloatArray | None:  # noqa: D102
         with self.presented():
-        return self.inner.natural_gamma
+            return self.inner.natural_gamma
 
     def adopt(self, unknowns: FloatArray) -> FloatArray:  # noqa: D102
         return self.inner.adopt(unknowns)
