@@ -90,6 +90,7 @@ class NetworkProblem(BoundaryProblem):
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
         self.effector_rod = None if end_effector < self.body_count else graph.slides.of(end_effector - self.body_count)[-1]
         self._slices = input_places(graph)
+        self.driven_place = driven_place(self._slices)
         super().__init__(
             unknown_count=n,
             batch_shape=np.broadcast_shapes(inputs.batch_shape, graph.batch_shape),
@@ -220,11 +221,6 @@ class NetworkProblem(BoundaryProblem):
 
     def input_slice(self, name: str) -> slice:  # noqa: D102
         return self._slices[name]
-
-    @property
-    def driven_place(self) -> slice:
-        """Where the coordinates of joints that are driven stand among the inputs."""
-        return driven_place(self._slices)
 
     def takes(self, name: str) -> bool:  # noqa: D102
         name = ON_RODS.get(name, name)
