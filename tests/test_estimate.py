@@ -327,3 +327,10 @@ def test_a_damped_step_is_as_long_as_it_is_to_be():
         sides = np.concatenate([r[k], root[k] @ away[k]])
         whole, damped = (np.linalg.solve(rows.T @ rows + m * np.eye(4), rows.T @ sides) for m in (0.0, mu[k]))
         np.testing.assert_allclose(np.linalg.norm(damped), part[k] * np.linalg.norm(whole), rtol=1e-6)
+
+
+def test_numbers_that_were_not_measured_do_not_count(robot):
+    """Of three coordinates two are NaN: a force without a prior was ``CONVERGED``, its variance infinite."""
+    seen = mr.Pose(position=(0.05, np.nan, np.nan), sigma=1e-4)
+    with pytest.raises(ValueError, match="3 numbers without a prior .* must be at most as many as are measured, 1"):
+        mr.estimate(robot, unknown={"tip_force": mr.Prior()}, measured=seen)

@@ -15,18 +15,20 @@ def check_drives(inputs: Inputs, rods: Sequence[Rod]) -> None:
     """Refuse what lines cannot be driven by, by a ``ValueError``."""
     if "tension" not in inputs.given:
         return
-    if np.min(inputs.tension, initial=0.0) < 0:
-        refuse("tension", inputs.tension.tolist(), "must be >= 0: a tendon cannot push")
+    pushes = (inputs.tension < 0).any(axis=-1)
+    if pushes.any():
+        refuse("tension", inputs.tension[pushes][0].tolist(), "must be >= 0: a tendon cannot push")
     first = 0
     for rod in rods:
         count = drives(kinds(rod.lines)).count("tension")
         own = inputs.tension[..., first : first + count]
         if rod.discs is not None and count:
             softest = min(float(np.min(section.bending_stiffness)) for section in rod.sections)
-            if np.max(own.sum(axis=-1), initial=0.0) * rod.discs**2 >= np.pi**2 * softest:
+            buckles = own.sum(axis=-1) * rod.discs**2 >= np.pi**2 * softest
+            if buckles.any():
                 refuse(
                     "tension",
-                    own.tolist(),
+                    own[buckles][0].tolist(),
                     f"must be < {np.pi**2 * softest / rod.discs**2:.3g} N together: between discs the rod buckles",
                 )
         first += count

@@ -158,9 +158,9 @@ def critical_loads(
     budget = Budget(method.max_integrations)
     branch, first = natural_start(robot, begin, inputs, method, device, budget)
     if first.modes.stability[0] != Stability.STABLE:
-        raise SolveError(
-            f"at the start the equilibrium is {Stability(int(first.modes.stability[0])).name}: there is no stability to lose"
-        )
+        stability = Stability(int(first.modes.stability[0]))
+        why = "whether it is stable is not known here, so nor is where that ends" if stability is Stability.UNKNOWN else ""
+        raise SolveError(f"at the start the equilibrium is {stability.name}: {why or 'there is no stability to lose'}")
     changes, undecided, reached = _changes(branch, first, count, up_to, max_steps)
     if undecided:
         ranges = ", ".join(f"{low:.12g} to {high:.12g}" for low, high in undecided)

@@ -22,6 +22,7 @@ from multirod.tasks.watch import Watch
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
+SHORTEST = 1e-4  # step of a sample, in units (9), after many that failed
 Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
 
 
@@ -86,6 +87,7 @@ class ControlStep:
         self._limits = {name: Shared(size, wp.float64, device) for name, size in each.items()}
         self._longest = Shared((1,), wp.float64, device)
         self._longest.write(LONGEST)
+        self._careful = self._by_shape = LONGEST  # that what failed leaves, and limits of the shape
         self._put_limits(slice(c), rows.matrix, *rows.inset(self._unit))
         self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
         self._launches: dict[Kind, Callable[[], None]] = {}
@@ -137,9 +139,17 @@ class ControlStep:
         told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
         told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
 
+    def mind(self, failed: bool) -> None:
+        """Take shorter steps after a sample that failed: what starts from the same place would fail again; longer ones after
+        others, up to those that are usual."""
+        if failed or self._careful < LONGEST:
+            self._careful = max(0.5 * self._careful, SHORTEST) if failed else min(2 * self._careful, LONGEST)
+            self._longest.write(min(self._careful, self._by_shape))
+
     def limit_shape(self, matrix: FloatArray, high: FloatArray, longest: float) -> None:
         """``matrix p <= high`` from now on, shapes (shaped, k) and (shaped,), and steps of ``longest`` in units (9) at most."""
-        self._longest.write(longest)
+        self._by_shape = longest
+        self._longest.write(min(self._careful, longest))
         self._put_limits(slice(len(self._rows.low), None), matrix, np.full(len(high), -np.inf), high)
 
     def _put_limits(self, places: slice, matrix: FloatArray, low: FloatArray, high: FloatArray) -> None:
@@ -165,10 +175,14 @@ class ControlStep:
         for name in ("last_kind", "motion", "foreseen"):
             kept[name].zero_()
         self._whole.write(record[:, fields["unknowns"]], values)
-        told[SINGULAR], told[HELD] = 0.0, 1.0
-        told[FREE : FREE + k], told[FREE + 7 * k : FREE + 8 * k], told[FREE + 8 * k :] = values[0], 1.0, 0.0
-        told[len(told) - len(beyond) :] = beyond
+        told[SINGULAR], told[FREE : FREE + k], told[FREE + 8 * k :] = 0.0, values[0], 0.0
+        self.hold(told, beyond)
         told[ERROR], told[ANGLE] = self._off_target(record[:, fields["position"]], record[:, fields["rotation"]])
+
+    def hold(self, told: FloatArray, by: NDArray[np.bool_]) -> None:
+        """Tell that limits of the shape, (shaped,), hold all that is free."""
+        k = self._count
+        told[HELD], told[FREE + 7 * k : FREE + 8 * k], told[len(told) - len(by) :] = 1.0, 1.0, by
 
     def _off_target(self, position: FloatArray, rotation: FloatArray) -> tuple[float, float]:
         """How far a tip (1, 3), (1, 9) is off the target, what was measured taken into account: distance and angle."""

@@ -353,6 +353,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             if self._shape is not None and not Status(status).failed:
                 status = self._in_shape(self._shape, record, told, status)
                 spent = frozen(spent + np.int32(self._shape.integrations))
+            self._step.mind(Status(status).failed)
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
         result.missing = -1 in seen
         result._free, result._told, result._rows, result._limits = self.free, told, self._rows, self._limit_names
@@ -368,11 +369,15 @@ class Controller(Uncopied, Generic[Robot_co]):
 
         shape.integrations = 0
         found = looked()
+        short = shape.shortened(found)
         beyond = shape.refuses(found)
         if beyond.any():
             self._step.stay(record, told, beyond)
             found = looked()
             status = int(Status.AT_LIMIT if shape.within(found) else Status.OUT_OF_LIMITS)
+        elif short.any():
+            self._step.hold(told, short)
+            status = int(Status.AT_LIMIT)
         self._step.limit_shape(*shape.rows(found), shape.longest)
         return status
 

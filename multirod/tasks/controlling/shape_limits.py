@@ -22,6 +22,7 @@ ASKED_BELOW = 0.1  # room, of a limit of the curvature or in stability margin, b
 LEAST_ROOM = 1e-4
 FLAT = 1e-4  # change of that room by a unit (9), below which it is rounding: a rod as bent at rest as its limit stays so
 ROUNDED = np.array([1e-6, 0.0])  # of that room of either limit, what is rounding: of a curvature that is integrated
+FULL = 0.99  # of the longest step, what is as long
 INSET = 2e-3  # of that room, which steps leave: what they are off to second order
 
 
@@ -122,6 +123,7 @@ class ShapeLimits:
         self._rounded = ROUNDED[[limits.curvature is not None, limits.stability_margin is not None]]
         self.integrations = 0
         self.longest = LONGEST
+        self._refused: NDArray[np.bool_] = np.zeros(len(self.names), dtype=bool)  # by the last that was
 
     def look(self, unknowns: FloatArray, inputs: FloatArray) -> Look:
         """At unknowns (1, n), which are an equilibrium's to first order, and a row of the problem's inputs (1, size)."""
@@ -138,14 +140,23 @@ class ShapeLimits:
         """Whether a look found all within limits; what is not known is not."""
         return bool((found.room >= -self._rounded).all())
 
+    def shortened(self, found: Look) -> NDArray[np.bool_]:
+        """Which limits, (count,), made the step to a command as short as it is: those that one was beyond not long ago."""
+        short = self.longest < LONGEST and self._step(found) > FULL * self.longest
+        return self._refused & short
+
+    def _step(self, found: Look) -> float:
+        """The longest part of the step from the last command, in units (9)."""
+        return float((np.abs(found.inputs - self.last.inputs)[0, self._one.places] / self._unit).max())
+
     def refuses(self, found: Look) -> NDArray[np.bool_]:
         """Which limits, (count,), a command is beyond, or nearly so and nearer than the last one: then the next step is half as
         long as the one between them, from then on each twice as long as the one before."""
         no_nearer = (found.room >= -self._rounded) & (found.room >= self.last.room - 0.1 * self._rounded)
         refused = ~((found.room >= LEAST_ROOM) | no_nearer)
         if refused.any():
-            step = (found.inputs - self.last.inputs)[0, self._one.places] / self._unit
-            self.longest = 0.5 * min(self.longest, float(np.abs(step).max()))
+            self._refused = refused
+            self.longest = 0.5 * min(self.longest, self._step(found))
         else:
             self.longest = min(2 * self.longest, LONGEST)
         return refused

@@ -231,9 +231,12 @@ def estimate(
     most = positive_int("max_iterations", max_iterations)
     whole = _axes(robot, given, priors, sensors)
     places = Places(robot, given, sensors)
+    rows = sum(sensor.count for sensor in sensors)
     if _flat(priors, given):
-        refuse_nothing("measured", Measured(sensors, places, whole, None).known)
-    _refuse_more(priors, given, sum(sensor.count for sensor in sensors))
+        known = Measured(sensors, places, whole, None).known
+        refuse_nothing("measured", known)
+        rows = int(known.sum(axis=1).max())
+    _refuse_more(priors, given, rows)
     scene = Known(robot, at_means(robot, given, priors, whole), priors, sensors, places, whole, method, device, most, guess)
     count = prod(whole)
     workers = thread_count(threads)
