@@ -353,7 +353,8 @@ class Controller(Uncopied, Generic[Robot_co]):
             if self._shape is not None and not Status(status).failed:
                 status = self._in_shape(self._shape, record, told, status)
                 spent = frozen(spent + np.int32(self._shape.integrations))
-            self._step.mind(Status(status).failed)
+            if self._shape is not None:
+                self._step.mind(Status(status).failed)
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
         result.missing = -1 in seen
         result._free, result._told, result._rows, result._limits = self.free, told, self._rows, self._limit_names
