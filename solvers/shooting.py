@@ -260,6 +260,7 @@ class Shooting(Solver):
         """Go on from where branches ended; what is not followed stays as it is."""
         if self.at_fold == "stop" or not lost.any():
             return
+        creeping = lost & (outcome.status == Status.MAX_ITERATIONS)
         noisy = follow(
             problem,
             outcome,
@@ -277,6 +278,7 @@ class Shooting(Solver):
             tried = self._segmented().go_on(problem, outcome, ends, self._left(outcome))
             for k in np.flatnonzero(~failures(tried)).tolist():
                 outcome.status[k], outcome.events[k] = noisy[k].said, tuple(noisy[k].events)
+        outcome.status[creeping & (outcome.status == Status.BRANCH_END)] = Status.MAX_ITERATIONS  # it did not end there
 
     def _segmented(self) -> MultipleShooting:
         return MultipleShooting(

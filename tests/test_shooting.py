@@ -156,7 +156,8 @@ def test_a_small_side_force_decides_to_which_side_the_column_bends(column: mr.Si
     assert solution.status is mr.Status.CONVERGED
     assert np.sign(solution.tip_position[1]) == np.sign(side)
     assert solution.determinant > 0  # stable: no mode has gone through zero on the way from the unloaded column
-    assert solution.integrations < 220  # measured: up to 149; without extrapolation along the branch 329
+    # measured: up to 149, and 272 where Newton's method had to finish each step; without extrapolation along the branch 329
+    assert solution.integrations < 300
 
 
 # Loads on the wire. On the way to the last three a continuation is easily led astray, to another equilibrium that converges

@@ -166,6 +166,7 @@ def robots() -> dict[str, list[mr.Assembly]]:
                     plain,
                     {"to": mr.Body("hand", pose=np.eye(4), fixed=True), "kind": "revolute", "axis": (1, 0, 0), "driven": True},
                 ),
+                (plain, {"kind": "prismatic", "axis": (1, 0, 0), "driven": True}),
                 (lined, {}),
             )
         ],

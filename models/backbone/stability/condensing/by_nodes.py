@@ -123,7 +123,8 @@ def _of_pattern(
     by_tip[:, :r, :r] = here
     by_tip[:, :r, r:] = -here @ Y[every, last - passed][:, :, r:]
     by_tip[:, range(r, P.shape[-1]), range(r, P.shape[-1])] = 1.0
-    form = np.concatenate([P, -position], axis=1) @ by_tip
+    with np.errstate(all="ignore"):  # what is not sound need not be finite
+        form = np.concatenate([P, -position], axis=1) @ by_tip
     known &= np.isfinite(form).all(axis=(1, 2))
     return form, rows, conjugate, known
 
