@@ -109,3 +109,9 @@ def test_of_a_held_rod(name):
 @pytest.mark.parametrize("robot", ["legs", "network"])
 def test_of_rods_that_hold_bodies(robot, name):
     compare_all(robot, name)
+
+
+@pytest.mark.parametrize("robot", GIVEN)
+def test_by_lengths_they_are_not_known(robot):
+    with pytest.raises(NotImplementedError, match="with lines are not known: where these end moves too"):
+        GIVEN[robot][0]().input_directions("length")
