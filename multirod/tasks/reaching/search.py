@@ -358,16 +358,12 @@ class Search:
         return np.flatnonzero(settled)
 
     def _tell_errors(self, rows: IntArray) -> None:
-        """Errors of what did not get there, of an equilibrium: the search may have ended on its way to one; where there is none
-        near, or one farther off than where it began, it is back there."""
-        if not len(rows):
-            return
+        """Errors of what did not get there, at an equilibrium: near where the search ended, or, without one, where it began."""
         self.here.x[rows], self.here.p[rows] = self.last.x[rows], self.last.p[rows]
-        settled = self._settled(rows, SETTLING_FAR)
+        settled = self._settled(rows, SETTLING_FAR) if len(rows) else rows
         self.last.put(settled, self.here)
-        lost = np.setdiff1d(rows, settled)
         farther = np.linalg.norm(self.errors[rows], axis=1) > np.linalg.norm(self.origin_errors[rows], axis=1)
-        back = np.union1d(lost, rows[farther])
+        back = np.union1d(np.setdiff1d(rows, settled), rows[farther])
         self.last.x[back], self.last.p[back] = self.origin_unknowns[back], self.origin[back]
         self.errors[back] = self.origin_errors[back]
 
