@@ -17,13 +17,12 @@ from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
 from multirod.tasks.programme_kernels import Programme
-from multirod.tasks.rows import PoseRows
+from multirod.tasks.rows import Kind, PoseRows, row_count
 from multirod.tasks.watch import Watch
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
 SHORTEST = 1e-4  # step of a sample, in units (9), after many that failed
-Kind = tuple[int, int, int]  # whether a target has a position, a rotation, an axis
 
 
 class ControlStep:
@@ -206,7 +205,7 @@ class ControlStep:
             setattr(state, name, each.array)
         for name, array in self._kept.items():
             setattr(state, name, array)
-        m = 3 * kind[0] + 3 * kind[1] + 2 * kind[2]
+        m = row_count(kind)
         state.task, state.step, state.records = self._task, self._programme(m), self._problem.records
         for name in ("rows", "ahead"):
             setattr(state, name, self._zeros(m))

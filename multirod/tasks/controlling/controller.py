@@ -24,13 +24,13 @@ from multirod.running.tracker import Unpack
 from multirod.solver import Outcome
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status
-from multirod.tasks.controlling.control import ControlStep, Kind
+from multirod.tasks.controlling.control import ControlStep
 from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, OFFSET, SINGULAR, TARGET, make_control
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import plain, turned
 from multirod.tasks.limits import ROUNDING_BEYOND, LimitRows, Limits, limit_rows, nearest, refuse_start, told
-from multirod.tasks.rows import SMALLEST_AXIS, Pose
+from multirod.tasks.rows import SMALLEST_AXIS, Kind, Pose
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.types import Numbers
@@ -303,7 +303,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         for name, value in parts.items():
             if value is not None:
                 given[name][:] = value
-        return int(target.position is not None), int(target.rotation is not None), int(target.axis is not None)
+        return target.kind
 
     def _seen(self, position: Numbers | None, rotation: Numbers | None) -> tuple[int, int]:
         """Take what is measured; of both whether it is there, as ``ControlStep.given`` says."""

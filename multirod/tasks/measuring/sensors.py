@@ -268,8 +268,7 @@ class Live(Measured):
                     parts[-1],
                     f"must be a rotation: R R^T is off the identity by {np.nanmax(off):.2g}",
                 )
-        across = getattr(self.rows[k], "across")  # noqa: B009  (a pose's)
-        rows, known = _filled(PoseRows(told["position"], told["rotation"], told["axis"], self.weights[k], across))
+        rows, known = _filled(PoseRows(told["position"], told["rotation"], told["axis"], self.weights[k], sensor.across))
         for name in names:
             self.poses[name].values[:, k] = getattr(rows, name)
         return None if known.all() else known
