@@ -175,3 +175,32 @@ def test_straight_legs_side_by_side_share_a_load_as_nothing_determines(tip):
             legs=[ROUND] * 6, base=[joint.pose for joint in six.joints[::2]], platform=[joint.pose for joint in six.joints[1::2]]
         )
         assert mr.solve(parallel, parallel.inputs(tip_force=(0, 0, -1)), solver=solver).status is mr.Status.UNDETERMINED
+
+
+def ring(curvature, bending, torsion, radius):
+    """Two halves, clamped to the ground and to a body across, which a straight wire guides along the diameter."""
+    half = mr.Rod(length=np.pi * radius, bending_stiffness=bending, torsional_stiffness=torsion, precurvature=(0, curvature, 0))
+    across, guide = mr.Body("across"), mr.Rod(length=radius, bending_stiffness=bending, torsional_stiffness=torsion)
+    turned = pose((0, -np.pi / 2, 0), (3 * radius, 0, 0))  # z along -x
+    joints = [mr.Joint("out", "base", to=mr.ground), mr.Joint("out", "tip", to=across)]
+    joints += [mr.Joint("back", "base", to=across), mr.Joint("back", "tip", to=mr.ground)]
+    joints += [mr.Joint("guide", "base", to=mr.ground, pose=turned)]
+    at_guide = pose((0, np.pi, 0)) @ pose((0, -np.pi / 2, 0))
+    joints += [mr.Joint("guide", "tip", to=across, pose=at_guide, kind="cylindrical", axis=(0, 0, 1))]
+    return mr.Network(rods={"out": half, "back": half, "guide": guide}, bodies=[across], joints=joints)
+
+
+@pytest.mark.parametrize(("bending", "torsion", "radius"), [(0.02, 0.012, 1.0), (0.5, 0.55, 0.1)])
+def test_a_twisted_ring_buckles_where_michell_says(bending, torsion, radius):
+    """(38) 2 pi sqrt(3) EI/GJ of a ring of straight wires; that of curved ones is the guess, which they would not find alone."""
+    closed = ring(1 / radius, bending, torsion, radius)
+    bent = mr.solve(closed, closed.inputs(), solver=EXACT).raise_if_failed()
+    robot = ring(0.0, bending, torsion, radius)
+    start, twisted = robot.inputs(), robot.inputs(rotation={"out": 0.5, "back": 0.5})
+    (load,) = mr.critical_loads(robot, twisted, start=start, guess=bent)
+    # steps of the integration leave 1e-11, and the neutral eigenvalue is linear in the twist: 1e-8 was found
+    np.testing.assert_allclose(load.load_factor, 2 * np.pi * np.sqrt(3) * bending / torsion, rtol=1e-6)
+    assert (load.index_before, load.index_after, load.fold) == (0, 1, False)
+    circle = load.solution
+    np.testing.assert_allclose(circle.tip_position, (2 * radius, 0, 0), atol=1e-8 * radius)
+    np.testing.assert_allclose(circle.rod("guide").moment, 0, atol=1e-6 * bending / radius)

@@ -13,11 +13,12 @@ from multirod.inputs import Inputs
 from multirod.integrators import RK45
 from multirod.profile import Profile
 from multirod.results.solution import IncompleteWarning, Solution, SolveError
-from multirod.running.simulation import solve
+from multirod.running.simulation import solve, unknowns_of_guess
 from multirod.solvers.continuation import Branch, BranchLost, Change, Point
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures
+from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
 
 GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
@@ -99,13 +100,14 @@ def critical_loads(
     inputs: Inputs,
     *,
     start: Inputs | None = None,
+    guess: Solution | Numbers | None = None,
     count: int = 1,
     up_to: float = np.inf,
     max_steps: int = 500,
     solver: Shooting | None = None,
     device: str = "cpu",
 ) -> CriticalLoads:
-    """The load factors at which the equilibrium on the natural branch loses stability.
+    """The load factors at which the equilibrium on the natural branch, or on that of a ``guess``, loses stability.
 
     The inputs are raised from ``start`` in proportion, ``start + load_factor * (inputs - start)``, and the branch is followed
     from the stable equilibrium at ``start``, through folds and past bifurcations. Every step is cut in two until the eigenvalues
@@ -117,6 +119,7 @@ def critical_loads(
         inputs: Made by ``robot.inputs(...)``, without leading axes: what a load factor of 1 means.
         start: Inputs at load factor 0; by default ``inputs`` without loads (forces, gravity). Give it to raise something else,
             such as the rotation of a tube, or one load while another stays.
+        guess: Of the equilibrium at ``start``, as for ``solve``: where there are several, such as of a rod that is bent closed.
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
@@ -156,7 +159,7 @@ def critical_loads(
     if begin.profiles:
         refuse("start", Described(f"functions of arclength for {', '.join(begin.profiles)}"), "give numbers")
     budget = Budget(method.max_integrations)
-    branch, first = natural_start(robot, begin, inputs, method, device, budget)
+    branch, first = natural_start(robot, begin, inputs, method, device, budget, guess)
     if first.modes.stability[0] != Stability.STABLE:
         stability = Stability(int(first.modes.stability[0]))
         why = "whether it is stable is not known here, so nor is where that ends" if stability is Stability.UNKNOWN else ""
@@ -224,9 +227,17 @@ def _critical(
 
 
 def natural_start(
-    robot: Assembly, begin: Inputs, inputs: Inputs, method: Shooting, device: str, budget: Budget
+    robot: Assembly,
+    begin: Inputs,
+    inputs: Inputs,
+    method: Shooting,
+    device: str,
+    budget: Budget,
+    guess: Solution | Numbers | None = None,
 ) -> tuple[Branch, Point]:
     """The branch of equilibria from ``begin`` towards ``inputs``, and its first point; both within the ``budget``.
+
+    It is the natural branch, or that of a ``guess`` of the unknowns at ``begin``.
 
     Raises:
         SolveError: If there is no equilibrium at ``begin``.
@@ -240,7 +251,7 @@ def natural_start(
     if (first == last).all():
         refuse("inputs", inputs, _nothing_raised(inputs))
     problem.write("inputs", first)
-    outcome = within(method, budget).solve(problem)
+    outcome = within(method, budget).solve(problem, unknowns_of_guess(guess, problem, 1, slice(None)))
     if failures(outcome.status)[0]:
         raise SolveError(f"at the start: {Status(int(outcome.status[0])).message}")
     unknowns = problem.read("unknowns")[0]
