@@ -218,27 +218,34 @@ def test_unknowns_go_along_with_the_estimate(make, wire):
 
 
 @pytest.mark.parametrize("off", [1e-6, 0.3, 1.4, 2.5])
-@pytest.mark.parametrize("told", ["rotation", "axis", "curvature"])
+@pytest.mark.parametrize("told", ["rotation", "axis", "covariance", "curvature", "marker"])
 def test_the_compiled_sample_is_that_of_estimate(wire, make, wandering, off, told):
     """(10) to (12) by the rows that ``estimate`` has, of a measurement that is far off."""
-    from multirod.tasks.measuring.curvature import Places
+    from multirod.tasks.measuring.along import Places
     from multirod.tasks.measuring.sensors import Measured
 
     robot, sigma = mr.SingleRod(wire), (POSITION, ANGLE)
-    p, R = (values[0] for values in wandering[1:])
+    shape = mr.solve(robot, robot.inputs(tip_force=wandering[0][0])).rod(0, nodes=5)
+    p, R = (shape.position[3], shape.rotation[3]) if told == "marker" else (values[0] for values in wandering[1:])
+    off = 0.1 * off if told == "marker" else off  # it takes 80 N to turn a rod inside by 2.5, which is not stable
     turned = turned_by(off * np.array([[0.6, 0.0, 0.8]]))[0] @ R
 
+    scale = np.diag(np.repeat(sigma, 3))
+    root = scale @ (np.eye(6) + 0.3 * np.tri(6, k=-1))
+
     def sensors(p, R, bent):
-        if told == "curvature":
-            return [mr.Pose(position=p, sigma=POSITION), mr.Curvature(at=[0.1, 0.3], value=bent, sigma=0.05)]
-        return [
-            mr.Pose(position=p, rotation=R, sigma=sigma) if told == "rotation" else mr.Pose(position=p, axis=R[:, 2], sigma=sigma)
-        ]
+        return {
+            "curvature": lambda: [mr.Pose(position=p, sigma=POSITION), mr.Curvature(at=[0.1, 0.3], value=bent, sigma=0.05)],
+            "marker": lambda: [mr.Pose(position=p, rotation=R, at=0.3, sigma=((1e-3, 2e-3, 3e-3), ANGLE))],
+            "rotation": lambda: [mr.Pose(position=p, rotation=R, sigma=sigma)],
+            "covariance": lambda: [mr.Pose(position=p, rotation=R, covariance=root @ root.T)],
+            "axis": lambda: [mr.Pose(position=p, axis=R[:, 2], sigma=sigma)],
+        }[told]()
 
     def said(p, R, bent):
-        return {"curvature": [p, bent], "rotation": [(p, R)], "axis": [(p, R[:, 2])]}[told]
+        return {"curvature": [p, bent], "axis": [(p, R[:, 2])]}.get(told, [(p, R)])
 
-    there = mr.solve(robot, robot.inputs(tip_force=wandering[0][0])).rod(0, nodes=5).curvature[[1, 3], :2]
+    there = shape.curvature[[1, 3], :2]
     meter = make(sensors=sensors(p, R, there))
     first = meter.step(said(p, R, there))
     sample = meter.step(said(list(p + 1e-3), turned, there + off))

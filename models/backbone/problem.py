@@ -21,8 +21,7 @@ from multirod.integrators import Integrator
 from multirod.kernels.warp_types import Struct
 from multirod.launch import LONGEST, expect
 from multirod.models.backbone import unknowns as meaning
-from multirod.models.backbone.derivatives.along import AlongPass
-from multirod.models.backbone.derivatives.derivatives import BackboneDerivatives
+from multirod.models.backbone.derivatives.derivatives import BackboneDerivatives, BackboneSensing
 from multirod.models.backbone.derivatives.designs import PARAMETERS
 from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.inputs import DRIVES
@@ -400,11 +399,8 @@ class BackboneProblem(BoundaryProblem):
     def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:  # noqa: D102
         return self.derivatives.along(names, rod, places)
 
-    def sensing(self, places: FloatArray) -> AlongPass:  # noqa: D102
-        return self.derivatives.sensing(places)
-
-    def sensed(self, made: AlongPass, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: D102
-        return self.derivatives.sensed(made, names, rod)
+    def sensing(self, places: FloatArray) -> BackboneSensing:  # noqa: D102
+        return BackboneSensing(self.derivatives, places)
 
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         return self.sizes.curvature

@@ -1,6 +1,7 @@
 """How a held rod varies along itself. Numbers in parentheses are those of ``docs/derivatives.md``."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from multirod.launch import Launch
 from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.models.backbone.stability.clamps import ClampedBackbones
+from multirod.problem import PosesSensed
 from multirod.rotations import cross, matrices
 from multirod.validation import FloatArray
 
@@ -42,6 +44,13 @@ def columns_along(problem: "HeldProblem", names: Sequence[str], places: FloatArr
     """(D20) What ``HeldProblem.along`` returns."""
     problem.to_rod()
     found, lever = problem.rod.derivatives.along_itself(0, places)
+    return of_held(problem, names, found, lever)
+
+
+def of_held(
+    problem: "HeldProblem", names: Sequence[str], found: dict[str, FloatArray], lever: FloatArray
+) -> dict[str, FloatArray]:
+    """(D20) Columns along the rod, by what is held; ``lever`` (b, count, 3) is how far places are from the base, in the world."""
     m, d = problem.rod.unknown_count, problem.direction_count
     for j, axis in enumerate(np.moveaxis(problem.turn_axes(), 2, 0)):
         found["position"][..., m + d + j] += cross(axis[:, None], lever)
@@ -60,7 +69,7 @@ def at_rates(problem: "HeldProblem", names: Sequence[str], values: FloatArray) -
 
 
 class HeldSensing:
-    """A ``HeldProblem``'s integration that tells its rod's curvature at some places too.
+    """A ``HeldProblem``'s integration that tells its rod's curvature and pose at some places too: a ``Sensing``.
 
     Args:
         problem: The problem.
@@ -70,7 +79,7 @@ class HeldSensing:
 
     def __init__(self, problem: "HeldProblem", places: FloatArray, launches: Launches) -> None:
         self.problem = problem
-        self._rod = problem.rod.sensing(places)
+        self._rod = problem.rod.derivatives.sensing(places)
         self._launches = (launches[0], self._rod, launches[2])
 
     def launch(self) -> None:
@@ -79,10 +88,17 @@ class HeldSensing:
         for launch in self._launches:
             launch.launch()
 
-    def curvature(self, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        """Of the last launch, as ``BoundaryProblem.sensed`` says; a turn of the base leaves it as it is."""
+    def curvature(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """Of the last launch, as ``Sensing`` says; a turn of the base leaves it as it is."""
         problem = self.problem
         curvature, found = self._rod.curvature(0)
         columns = by_own_unknowns(problem, found)
         at_rates(problem, names, columns)
         return curvature, columns
+
+    def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
+        """Of the last launch, as ``Sensing`` says."""
+        problem = self.problem
+        found = self._rod.poses(0)
+        columns = of_held(problem, names, found.columns, found.lever)
+        return replace(found, columns=columns).at(problem.rod.derivatives.base_position())

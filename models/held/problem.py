@@ -296,9 +296,6 @@ class HeldProblem(BoundaryProblem):
     def sensing(self, places: FloatArray) -> HeldSensing:  # noqa: D102
         return HeldSensing(self, places, self._launches)
 
-    def sensed(self, made: HeldSensing, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: D102
-        return made.curvature(names)
-
     def guess(self) -> FloatArray:
         """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent.
 

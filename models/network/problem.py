@@ -311,9 +311,6 @@ class NetworkProblem(BoundaryProblem):
     def sensing(self, places: FloatArray) -> NetworkSensing:  # noqa: D102
         return NetworkSensing(self, places, self._launches)
 
-    def sensed(self, made: NetworkSensing, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: D102
-        return made.curvature(names, rod)
-
     # ---- columns ----
 
     def columns_of(self, names: Sequence[str]) -> list[Columns]:

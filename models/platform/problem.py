@@ -353,9 +353,6 @@ class ParallelProblem(BoundaryProblem):
     def sensing(self, places: FloatArray) -> LegSensing:  # noqa: D102
         return LegSensing(self, places)
 
-    def sensed(self, made: LegSensing, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: D102
-        return made.curvature(input_columns(self.geometry, names), rod)
-
     def to_legs(self) -> None:
         """Unknowns and inputs to the legs, without an integration."""
         with self.focused():

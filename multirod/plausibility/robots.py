@@ -33,10 +33,11 @@ def of_limits(field: str, name: str, values: FloatArray) -> None:
         of_angles(field, finite, largest(finite))
 
 
-def of_pose_sigma(sigma: FloatArray, position: bool) -> None:
-    """Warn of a standard deviation (2,) of positions that is no measurement's, where there are any."""
-    if position and DEVIATION[0] < sigma[0] < DEVIATION[1]:
-        say(f"Pose.sigma = {sigma[0]:.6g} m of a position says next to nothing of it; if it is in mm, give {1e-3 * sigma[0]:.6g}")
+def of_pose_sigma(sigma: FloatArray) -> None:
+    """Warn of standard deviations (count,) of a position that are no measurement's."""
+    if ((DEVIATION[0] < sigma) & (sigma < DEVIATION[1])).all():
+        most = sigma.max()
+        say(f"Pose.sigma = {most:.6g} m of a position says next to nothing of it; if it is in mm, give {1e-3 * most:.6g}")
 
 
 def of_legs(base: FloatArray, platform: FloatArray, mass: float, rods: "tuple[Rod, ...]") -> None:

@@ -9,6 +9,7 @@ from multirod.problem.boundary import (
     BoundaryProblem,
 )
 from multirod.problem.buffers import SMALL, Buffers
+from multirod.problem.inputs import PosesSensed, Sensing
 from multirod.problem.offers import STILL, neutral_ways
 from multirod.problem.shapes import LineShape, Shape
 
@@ -23,6 +24,8 @@ __all__ = [
     "BoundaryProblem",
     "Buffers",
     "LineShape",
+    "PosesSensed",
+    "Sensing",
     "Shape",
     "neutral_ways",
 ]

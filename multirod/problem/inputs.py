@@ -2,14 +2,49 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
 from multirod.inputs import Inputs
 from multirod.problem.buffers import Buffers
 from multirod.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class PosesSensed:
+    """Places along a rod, as an integration told them.
+
+    Attributes:
+        position: In the world [m], shape (b, count, 3).
+        rotation: Frames of the rod, body to world, shape (b, count, 3, 3).
+        columns: Of position rows, then rotation-vector rows in the world, by the unknowns, then by each number named, the
+            unknowns fixed, shape (b, count, 6, n + k).
+    """
+
+    position: FloatArray
+    rotation: FloatArray
+    columns: FloatArray
+
+
+class Sensing(Protocol):
+    """An integration of a problem that tells more, at places along its rods."""
+
+    def launch(self) -> None:
+        """Integrate."""
+
+    def curvature(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """What the last launch said of a rod, after ``aim(*names)``; to be read at once.
+
+        Returns:
+            Curvatures in its frame [1/m], shape (instance_count, count, 3), and their derivatives by the unknowns, then by each
+            number named, the unknowns fixed, shape (instance_count, count, 3, n + k).
+        """
+
+    def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
+        """The same of poses: where the places on a rod are, its frames there, and how both vary."""
 
 
 class ByInputs(Buffers, ABC):
@@ -114,16 +149,7 @@ class ByInputs(Buffers, ABC):
         """
         raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
 
-    def sensing(self, places: FloatArray) -> Any:  # noqa: ANN401  (each problem has its own)
-        """What may be launched in the place of ``integrate``, by its ``launch()``, and tells more: curvatures at ``places``
-        (count,), rising arclengths, which ``sensed`` reads."""
-        raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
-
-    def sensed(self, made: Any, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:  # noqa: ANN401  (of ``sensing``)
-        """What the last launch of ``sensing(...)`` said of a rod, after ``aim(*names)``; to be read at once.
-
-        Returns:
-            Curvatures in its frame [1/m], shape (instance_count, count, 3), and their derivatives by the unknowns, then by each
-            number named, shape (instance_count, count, 3, n + k).
-        """
+    def sensing(self, places: FloatArray) -> Sensing:
+        """What may be launched in the place of ``integrate``, and tells more: curvatures and poses at ``places`` (count,), rising
+        arclengths."""
         raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")

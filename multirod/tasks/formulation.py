@@ -1,10 +1,10 @@
 """The problem that all tasks share: freed inputs beside the unknowns. Numbers in parentheses: ``docs/tasks.md``."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem
 from multirod.validation import FloatArray, refuse, unknown_names
+
+PosedAt: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # position, rotation, columns by x and by p
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,15 @@ class Evaluation:
     def take(self, instances: Instances) -> Self:
         """That of some instances, by an index of the first axis."""
         return type(self)(**{name: getattr(self, name)[instances] for name in self.__dataclass_fields__})
+
+    def pose_at(self, place: tuple[int, int] | None) -> PosedAt:
+        """The pose of the end effector, whose ``place`` is None, and its derivatives by unknowns and by ``p``."""
+        assert place is None  # others are told by what looks along the rods
+        return self.position, self.rotation, self.pose_by_unknowns, self.pose_by_free
+
+    def by(self, columns: FloatArray) -> Self:
+        """By other numbers, with which ``p`` varies by ``columns`` (k, l)."""
+        return replace(self, slopes=self.slopes @ columns, pose_by_free=self.pose_by_free @ columns)
 
     @cached_property
     def eliminated(self) -> tuple[FloatArray, FloatArray]:

@@ -1,6 +1,7 @@
 """Rows of a task: what is asked of an equilibrium, or measured of it. Numbers in parentheses: ``docs/tasks.md``."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 import numpy as np
@@ -9,14 +10,17 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.assembly import is_rotation, not_turned
 from multirod.batch import Instances, IntArray, broadcast_shapes, take
+from multirod.problem import PosesSensed
 from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, refuse
+from multirod.validation import Described, FloatArray, array, positive_float, refuse
 
 PARTS = ("position", "rotation", "axis", "across")  # of a pose
 Kind = tuple[int, int, int]  # whether there is a position (2: across a direction), a rotation, an axis
 POSITION_ROWS = (0, 3, 2)  # of each of these
+ONE_OR_THREE = ("one number", "one number, or three along the axes of the world")
+SYMMETRIC = 1e-9  # what a covariance may be off its transpose, of its largest entry
 SMALLEST_AXIS = 1e-100  # whose square still is a number
 SERIES_BELOW = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
 
@@ -32,8 +36,16 @@ class Rows(Protocol):
         """``W (h - y)`` (b, m), and its derivatives by the unknowns (b, m, n) and by what is freed (b, m, k)."""
 
 
+class Placed(Protocol):
+    """What an integration said along the rods."""
+
+    @property
+    def poses(self) -> Mapping[int, PosesSensed]:
+        """By rod."""
+
+
 class Pose:
-    """A pose of the end effector, or a part of it: a target, or a measurement.
+    """A pose of the end effector, or a part of it: a target, or a measurement; with ``at`` one along a rod, measured.
 
     Given are a position, and beside it or alone either a rotation (three rows more) or a direction (two). All may have leading
     axes ``...``, one entry an instance.
@@ -44,12 +56,20 @@ class Pose:
             picture that is taken along it, or a target anywhere on a line along it. All of the position counts by default.
         rotation: Body to world, shape (..., 3, 3).
         axis: Direction in the world that the z axis of the end effector has, of any length, shape (..., 3).
-        sigma: Standard deviations of a measurement: of the position [m] and of the angles [rad], a pair, or one number where only
-            one of the two is given. None of a target.
+        sigma: Standard deviations of a measurement: of the position [m] and of the angles [rad], a pair, or one of these where
+            only one of the two is given. Each is one number, or three along the axes of the world; of an axis, and of a position
+            ``across`` a direction, one. None of a target.
+        covariance: In place of ``sigma``, of a position (3, 3) [m^2], of a rotation (3, 3) [rad^2], as a rotation vector, or of
+            both (6, 6), all in the world: such as ``C @ diag([1e-8, 1e-8, 1e-6]) @ C.T`` of a camera whose axes are the columns
+            of ``C``.
+        at: Arclength of a marker along a rod [m], as ``solution.rod(k).arclength``: from the base, of tubes from the plate. Of a
+            measurement; the end effector by default.
+        rod: Index or name of that rod. Its rotation is that of its own frame.
 
     Raises:
-        ValueError: If a rotation is none, an axis or ``across`` is zero, ``sigma`` is not > 0, both or none of rotation and axis
-            are given without a position, ``across`` is given without one, or leading axes do not broadcast.
+        ValueError: If a rotation is none, an axis or ``across`` is zero, ``sigma`` is not > 0 or ``covariance`` not symmetric and
+            positive definite, both or none of rotation and axis are given without a position, ``across`` is given without one,
+            ``at`` is not > 0, or leading axes do not broadcast.
     """
 
     def __init__(
@@ -60,6 +80,9 @@ class Pose:
         axis: Numbers | None = None,
         sigma: Numbers | None = None,
         across: Numbers | None = None,
+        covariance: Numbers | None = None,
+        at: float | None = None,
+        rod: int | str = 0,
     ) -> None:
         if rotation is not None and axis is not None:
             refuse("Pose.axis", axis, "must not be given beside rotation, of which it is a part")
@@ -73,14 +96,22 @@ class Pose:
         self.across = None if across is None else _direction("Pose.across", across)
         if self.across is not None and np.isnan(self.across).any():
             refuse("Pose.across", across, "must be finite: what was not measured is NaN in the position")
-        angles = self.rotation is not None or self.axis is not None
-        self.sigma = None if sigma is None else _sigma(sigma, self.position is not None, angles)
-        if self.sigma is not None:
-            plausibility.of_pose_sigma(self.sigma, self.position is not None)
+        self.whitening = whitening(self.kind, sigma, covariance)
+        self.at, self.rod = None if at is None else positive_float("Pose.at", at), rod
         try:
             self.batch_shape: tuple[int, ...] = broadcast_shapes(*(value.shape[:-tail] for value, tail in self._parts()))
         except ValueError:
             refuse("Pose", Described(f"leading axes {[v.shape[:-t] for v, t in self._parts()]}"), "must broadcast")
+
+    @property
+    def measures(self) -> bool:
+        """Whether it says how sure it is, as a measurement does."""
+        return self.whitening is not None
+
+    @property
+    def places(self) -> FloatArray | None:
+        """Where it is along its rod [m], shape (1,); None of the end effector."""
+        return None if self.at is None else np.array([self.at])
 
     def _parts(self) -> list[tuple[FloatArray, int]]:
         parts = ((self.position, 1), (self.rotation, 2), (self.axis, 1), (self.across, 1))
@@ -112,18 +143,21 @@ class Pose:
     def rows(self, length: float, batch_shape: tuple[int, ...] = (), instances: IntArray | None = None) -> "PoseRows":
         """The rows of some instances of a batch to whose leading axes this broadcasts.
 
-        Without ``sigma`` positions count over ``length**2`` and angles over ``length``, as residuals do [1/m].
+        What is not measured counts as residuals do [1/m]: positions over ``length**2``, angles over ``length``.
         """
 
         def taken(value: FloatArray | None, tail: int) -> FloatArray | None:
             return None if value is None else np.asarray(take(value, batch_shape, instances, tail=tail))
 
-        weight = np.array([1 / length**2, 1 / length]) if self.sigma is None else 1 / self.sigma
-        return PoseRows(taken(self.position, 1), taken(self.rotation, 2), taken(self.axis, 1), weight, taken(self.across, 1))
+        weight = np.ones(2) if self.measures else np.array([1 / length**2, 1 / length])
+        return PoseRows(
+            taken(self.position, 1), taken(self.rotation, 2), taken(self.axis, 1), weight, taken(self.across, 1), self.whitening
+        )
 
     def __repr__(self) -> str:
-        names = [name for name in (*PARTS, "sigma") if getattr(self, name) is not None]
-        return f"Pose({', '.join(names)}; {self.count} rows, batch {self.batch_shape})"
+        names = [name for name in PARTS if getattr(self, name) is not None] + ["sigma"] * self.measures
+        where = [] if self.at is None else [f"at {self.at:g} m of rod {self.rod!r}"]
+        return f"Pose({', '.join(names + where)}; {self.count} rows, batch {self.batch_shape})"
 
 
 @dataclass(frozen=True)
@@ -136,6 +170,8 @@ class PoseRows:
         axis: Unit vectors (b, 3), or None.
         weight: What rows of the position and of the angles are multiplied by, shape (2,).
         across: Unit vectors (b, 3) across which the position counts, or None.
+        whitening: Lower triangular, what all rows are multiplied by afterwards, shape (m, m), or None.
+        place: Of a marker: its rod, and which of all places it is at. None of the end effector.
     """
 
     position: FloatArray | None
@@ -143,6 +179,8 @@ class PoseRows:
     axis: FloatArray | None
     weight: FloatArray
     across: FloatArray | None = None
+    whitening: FloatArray | None = None
+    place: tuple[int, int] | None = None
 
     @property
     def kind(self) -> Kind:
@@ -163,12 +201,21 @@ class PoseRows:
         """Those of some instances, by an index of the first axis."""
         values = (self.position, self.rotation, self.axis, self.across)
         position, rotation, axis, across = (None if value is None else value[instances] for value in values)
-        return type(self)(position, rotation, axis, self.weight, across)
+        return replace(self, position=position, rotation=rotation, axis=axis, across=across)
 
     def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
         """As ``Rows`` say; (4) of a position, (4b) across a direction, (5) of a rotation, (6) of an axis."""
-        errors, maps = self.errors(found.position, found.rotation)
-        return errors, maps @ found.pose_by_unknowns, maps @ found.pose_by_free
+        position, rotation, by_unknowns, by_free = found.pose_at(self.place)
+        errors, maps = self.errors(position, rotation)
+        return errors, maps @ by_unknowns, maps @ by_free
+
+    def put(self, found: Placed, told: FloatArray) -> None:
+        """Of a marker, errors, then derivatives by unknowns and by what is freed, into ``told`` (b, m, 1 + n + k)."""
+        assert self.place is not None
+        rod, place = self.place
+        there = found.poses[rod]
+        told[..., 0], maps = self.errors(there.position[:, place], there.rotation[:, place])
+        np.matmul(maps, there.columns[:, place], out=told[..., 1:])
 
     def errors(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``W (h - y)`` (b, m) at poses, and its derivative by the pose's six rows, shape (b, m, 6)."""
@@ -187,6 +234,8 @@ class PoseRows:
             tilt, change = _tilt(rotation[..., :, 2], np.broadcast_to(self.axis, (count, 3)))
             errors[:, row:] = self.weight[1] * tilt
             maps[:, row:, 3:] = self.weight[1] * change
+        if self.whitening is not None:
+            errors, maps = errors @ self.whitening.T, self.whitening @ maps
         return errors, maps
 
 
@@ -261,13 +310,54 @@ def _direction(field: str, value: object) -> FloatArray:
     return np.asarray(result / size)
 
 
-def _sigma(value: object, position: bool, angles: bool) -> FloatArray:
-    """Standard deviations of position and angles, (2,)."""
-    result = array("Pose.sigma", value, finite=False)
-    both = position and angles
-    if result.shape not in (((2,),) if both else ((), (1,))):
-        alone = "must be one number: of the position [m]" if position else "must be one number: of the angles [rad]"
-        refuse("Pose.sigma", value, "must be a pair: of the position [m] and of the angles [rad]" if both else alone)
-    if not ((result > 0) & np.isfinite(result)).all():
-        refuse("Pose.sigma", value, "must be finite and > 0")
-    return np.broadcast_to(result, (2,))
+def whitening(kind: Kind, sigma: object, covariance: object) -> FloatArray | None:
+    """Rows of a measurement in standard deviations: the lower triangular matrix (m, m) that makes them so; None of a target."""
+    if covariance is not None:
+        return _root(kind, sigma, covariance)
+    if sigma is None:
+        return None
+    result = _sigma(kind, sigma)
+    if kind[0]:
+        plausibility.of_pose_sigma(result[: POSITION_ROWS[kind[0]]])
+    return np.diag(1 / result)
+
+
+def _sigma(kind: Kind, value: object) -> FloatArray:
+    """Standard deviations of each row, (m,)."""
+    parts = [("the position [m]", POSITION_ROWS[kind[0]], kind[0] == 1)] if kind[0] else []
+    parts += [("the angles [rad]", 3 if kind[1] else 2, bool(kind[1]))] if kind[1] or kind[2] else []
+    if len(parts) == 1:
+        said, _, each = parts[0]
+        message = f"must be one number: of {said}{', or three along the axes of the world' if each else ''}"
+        given: list[object] = [value]
+    else:
+        message = "must be a pair: of the position [m] and of the angles [rad]"
+        given = list(value) if isinstance(value, (tuple, list, np.ndarray)) and np.ndim(value[:1]) else []
+        if len(given) != 2:
+            refuse("Pose.sigma", value, message)
+    result = []
+    for (said, rows, each), own in zip(parts, given, strict=True):
+        found = array("Pose.sigma", own, finite=False)
+        if found.shape not in ((), (1,), *([(3,)] if each else [])):
+            refuse("Pose.sigma", value, message if len(parts) == 1 else f"{message}; of {said} " + ONE_OR_THREE[each])
+        if not ((found > 0) & np.isfinite(found)).all():
+            refuse("Pose.sigma", value, "must be finite and > 0")
+        result.append(np.broadcast_to(found, (rows,)))
+    return np.concatenate(result)
+
+
+def _root(kind: Kind, sigma: object, covariance: object) -> FloatArray:
+    """Of a covariance."""
+    if sigma is not None:
+        refuse("Pose.sigma", sigma, "must not be given beside covariance, which says it")
+    if kind[0] == 2 or kind[2]:
+        raise ValueError("Pose.covariance must not be given of an axis, or of a position across a direction: give sigma")
+    size = row_count(kind)
+    result = array("Pose.covariance", covariance, (size, size))
+    if result.ndim > 2:
+        refuse("Pose.covariance", Described(f"array of shape {result.shape}"), f"must be ({size}, {size})")
+    if np.abs(result - result.T).max() > SYMMETRIC * np.abs(result).max() or (np.linalg.eigvalsh(result) <= 0).any():
+        raise ValueError("Pose.covariance must be symmetric and positive definite")
+    if kind[0]:
+        plausibility.of_pose_sigma(np.sqrt(np.diagonal(result)[:3]))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(result)))

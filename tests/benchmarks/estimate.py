@@ -7,7 +7,7 @@ Measurements and the bound come from ``measured_rods``, an integration of its ow
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 
@@ -22,6 +22,7 @@ POSITION, ANGLE, BENT = 1e-4, np.radians(0.1), 0.05  # what sensors are off [m],
 SIGMA, WALK, DT, SAMPLES = 0.25, 0.3, 1e-3, 400
 WIRE = {"length": 0.4, "bending_stiffness": 0.223349, "torsional_stiffness": 0.063814, "precurvature": (14, 5, 0)}
 NODES = tuple(range(5, STEPS, 5))  # of the gratings
+MARKS = (3, 6, 9)  # of ten places, which have markers
 FIXED = mr.RK4(50)
 
 
@@ -62,17 +63,17 @@ def motion() -> tuple[np.ndarray, np.ndarray, mr.Solution]:
     return angle, force, mr.solve(robot, robot.inputs(rotation=angle, tip_force=force), solver=mr.Shooting(integrator=FIXED))
 
 
-def estimator_step(sensor: mr.Pose | mr.Curvature, said: Callable[[int], object]) -> Callable[[], float]:
+def estimator_step(sensors: Sequence[mr.Pose | mr.Curvature], said: Callable[[int], list[object]]) -> Callable[[], float]:
     """Microseconds of ``Estimator.step``."""
     angle, _, _ = motion()
     meter = mr.Estimator(
-        mr.SingleRod(mr.Rod(**WIRE)), dt=DT, unknown={"tip_force": mr.Walk(WALK)}, sensors=sensor, integrator=FIXED
+        mr.SingleRod(mr.Rod(**WIRE)), dt=DT, unknown={"tip_force": mr.Walk(WALK)}, sensors=sensors, integrator=FIXED
     )
 
     def measure() -> float:
         times = []
         for k in range(SAMPLES):
-            own = [said(k)]
+            own = said(k)
             begin = perf_counter()
             sample = meter.step(own, rotation=angle[k])
             times.append(perf_counter() - begin)
@@ -105,11 +106,14 @@ def main() -> None:
     _, _, seen = motion()
     position, rotation, shape = np.array(seen.tip_position), np.array(seen.tip_rotation), seen.rod(0, nodes=12)
     at, bent = shape.arclength[0, 1:-1], np.array(shape.curvature[:, 1:-1, :2])
+    marks = np.array(shape.position[:, 1:-1])
     pose = mr.Pose(position=position[0], rotation=rotation[0], sigma=(POSITION, ANGLE))
+    marked = [mr.Pose(position=marks[0, j], at=at[j], sigma=POSITION) for j in MARKS]
     runs: dict[str, Callable[[], float]] = {
         "Tracker.step, Newton to 1e-9": tracker_step,
-        "Estimator.step, a pose": estimator_step(pose, lambda k: (position[k], rotation[k])),
-        "Estimator.step, 10 curvatures": estimator_step(mr.Curvature(at=at, value=bent[0], sigma=BENT), lambda k: bent[k]),
+        "Estimator.step, a pose": estimator_step([pose], lambda k: [(position[k], rotation[k])]),
+        "Estimator.step, 10 curvatures": estimator_step([mr.Curvature(at=at, value=bent[0], sigma=BENT)], lambda k: [bent[k]]),
+        "Estimator.step, 3 markers": estimator_step(marked, lambda k: [marks[k, j] for j in MARKS]),
     }
     times: dict[str, list[float]] = {name: [] for name in runs}
     for run in runs.values():

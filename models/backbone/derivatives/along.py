@@ -3,17 +3,17 @@
 Numbers in parentheses are those of ``docs/derivatives.md``.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
 from multirod.launch import record
-from multirod.models.backbone.derivatives.along_kernels import curvatures
+from multirod.models.backbone.derivatives.along_kernels import curvatures, poses
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.passes.buffers import holder
-from multirod.rotations import cross
+from multirod.problem import PosesSensed
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -83,6 +83,7 @@ class AlongPass:
                 wrench.values = wp.zeros((batch, 6), dtype=wp.float64, device=device)
                 wrench.columns = wp.zeros((batch, 6, columns), dtype=wp.float64, device=device)
         self._bending: dict[int, tuple[Any, Any, FloatArray | None]] = {}
+        self._posing: dict[int, tuple[Any, tuple[Any, Any, Any]]] = {}
         self._launch = problem.lane_pass(features, self._call, columns=(n, problem.direction_count))
 
     def at(self, places: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -90,7 +91,8 @@ class AlongPass:
         (instance_count, count, 3, column); and how far they are from the base, in the world, (instance_count, count, 3)."""
         self.place(places)
         self.launch()
-        return self._quantities(self._call.node_columns.numpy()[:, 1:], rod)
+        posed = self.poses(rod)
+        return posed.columns | {"curvature": np.array(self.curvature(rod)[1])}, posed.lever
 
     def place(self, places: FloatArray) -> None:
         """Be at rising ``places`` (instance_count, count) from now on."""
@@ -113,49 +115,58 @@ class AlongPass:
         """What finds ``curvature``: its launch, the array it writes, on the CPU as NumPy sees it in place."""
         found, layout, device = self._call.node_columns, self.layout.column, self.problem.device
         bent: Any = wp.zeros((found.shape[0], found.shape[1] - 1, 3, found.shape[3]), dtype=wp.float64, device=device)
-        angle = layout["angles"] + rod - 1 if rod else -1
-        launch = record(lambda: curvatures, len(bent), [found, layout["frame"], layout.size, angle, bent], device)
+        launch = record(lambda: curvatures, len(bent), [found, layout["frame"], layout.size, _angle(layout, rod), bent], device)
         return launch, bent, bent.numpy() if wp.get_device(device).is_cpu else None
 
-    def _quantities(self, found: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
-        """(D11), (D12)"""
-        size = self.layout.column.size
-        found = np.moveaxis(found, 2, -1)  # (instance, place, column, number)
-        state, rate = (self.layout.column.split(found[:, :, -1:, half]) for half in (slice(size), slice(size, None)))
-        column, change = (self.layout.column.split(found[:, :, :-1, half]) for half in (slice(size), slice(size, None)))
-        R = np.broadcast_to(self.problem.table.base_rotation.numpy(), (len(found), 3, 3))
-        q, dq = state["frame"], column["frame"]
-        inverse = np.concatenate([-q[..., :3], q[..., 3:]], axis=-1) * (2 / (q**2).sum(axis=-1, keepdims=True))
-        turn, curvature = _product(inverse, dq)[..., :3], _product(inverse, rate["frame"])[..., :3]
-        # of q' = q u / 2
-        bent = _product(inverse, change["frame"] - 0.5 * _product(dq, _pure(curvature)))[..., :3]
-        unit = q / np.sqrt((q**2).sum(axis=-1, keepdims=True))
-        if rod > 0:
-            place = rod - 1
-            angle, d_angle = state["angles"][..., place : place + 1], column["angles"][..., place : place + 1]
-            c, s = np.cos(angle), np.sin(angle)
-            x, y = bent[..., :1] + d_angle * curvature[..., 1:2], bent[..., 1:2] - d_angle * curvature[..., :1]
-            twist = bent[..., 2:] + change["angles"][..., place : place + 1]
-            bent = np.concatenate([c * x + s * y, c * y - s * x, twist], axis=-1)
-            turn = turn + np.concatenate([np.zeros_like(d_angle), np.zeros_like(d_angle), d_angle], axis=-1)
-        world = {"position": column["position"], "rotation": _rotated(unit, turn)}
-        result = {name: np.einsum("bij,bpcj->bpic", R, values) for name, values in world.items()}
-        lever = np.einsum("bij,bpj->bpi", R, state["position"][:, :, 0])
-        return result | {"curvature": np.swapaxes(bent, -1, -2)}, lever
+    def poses(self, rod: int) -> "PosesAlong":
+        """(D12) Of the last launch: where the places of a rod are, and how they vary, by unknowns, then by directions."""
+        if rod not in self._posing:
+            self._posing[rod] = self._poses(rod)
+        launch, found = self._posing[rod]
+        launch.launch()
+        lever, rotation, moved = (np.array(own.numpy()) for own in found)
+        return PosesAlong(lever, rotation, {"position": moved[:, :, :3], "rotation": moved[:, :, 3:]})
+
+    def _poses(self, rod: int) -> tuple[Any, tuple[Any, Any, Any]]:
+        """What finds ``poses``: its launch, the arrays it writes."""
+        found, layout, device = self._call.node_columns, self.layout.column, self.problem.device
+        count, places, columns = found.shape[0], found.shape[1] - 1, found.shape[3] - 1
+        told: tuple[Any, Any, Any] = (
+            wp.zeros((count, places), dtype=wp.vec3d, device=device),
+            wp.zeros((count, places), dtype=wp.mat33d, device=device),
+            wp.zeros((count, places, 6, columns), dtype=wp.float64, device=device),
+        )
+        base = self.problem.table.base_rotation
+        return record(
+            lambda: poses, count, [found, layout["frame"], layout["position"], _angle(layout, rod), base, *told], device
+        ), told
 
 
-def _pure(vector: FloatArray) -> FloatArray:
-    return np.concatenate([vector, np.zeros_like(vector[..., :1])], axis=-1)
+def _angle(layout: Any, rod: int) -> int:  # noqa: ANN401  (of a layout)
+    """Where the angle of a rod stands against the frame; -1 of the rod whose frame it is."""
+    return int(layout["angles"]) + rod - 1 if rod else -1
 
 
-def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Of quaternions, scalar last."""
-    a, b = np.broadcast_arrays(a, b)
-    vector = a[..., 3:] * b[..., :3] + b[..., 3:] * a[..., :3] + cross(a[..., :3], b[..., :3])
-    return np.concatenate([vector, a[..., 3:] * b[..., 3:] - (a[..., :3] * b[..., :3]).sum(axis=-1, keepdims=True)], axis=-1)
+@dataclass(frozen=True)
+class PosesAlong:
+    """Places along a rod.
 
+    Attributes:
+        lever: How far they are from the base, in the world [m], shape (b, count, 3).
+        rotation: The rod's frames there, body to world, shape (b, count, 3, 3).
+        columns: How ``position`` and ``rotation`` vary, rotation vectors in the world, each (b, count, 3, column).
+    """
 
-def _rotated(q: FloatArray, vector: FloatArray) -> FloatArray:
-    """``R(q) vector``"""
-    inverse = np.concatenate([-q[..., :3], q[..., 3:]], axis=-1)
-    return _product(_product(q, _pure(vector)), inverse)[..., :3]
+    lever: FloatArray
+    rotation: FloatArray
+    columns: dict[str, FloatArray]
+
+    def at(self, base: FloatArray) -> PosesSensed:
+        """From bases at positions in the world (b or 1, 3)."""
+        columns = np.concatenate([self.columns["position"], self.columns["rotation"]], axis=2)
+        return PosesSensed(base[:, None] + self.lever, self.rotation, columns)
+
+    def of_member(self, count: int, place: int) -> "PosesAlong":
+        """Those of one of several rods that each of ``count`` instances has."""
+        columns = {name: of_member(values, count, place) for name, values in self.columns.items()}
+        return PosesAlong(of_member(self.lever, count, place), of_member(self.rotation, count, place), columns)

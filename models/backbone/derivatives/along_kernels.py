@@ -1,5 +1,8 @@
 # mypy: ignore-errors
-"""Curvatures at places along a rod, and their columns. Numbers in parentheses are those of ``docs/estimation.md``."""
+"""Curvatures and poses at places along a rod, and their columns.
+
+Numbers in parentheses are those of ``docs/estimation.md``, with a D of ``docs/derivatives.md``.
+"""
 
 import warp as wp
 
@@ -64,3 +67,52 @@ def curvatures(found: wp.array4d[wp.float64], frame: int, size: int, angle: int,
                 own[2] = own[2] + found[t, p + 1, size + angle, column]
             for i in range(3):
                 bent[t, p, i, k] = own[i]
+
+
+@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+def poses(
+    found: wp.array4d[wp.float64],
+    frame: int,
+    position: int,
+    angle: int,
+    base: wp.array[wp.mat33d],
+    lever: wp.array2d[wp.vec3d],
+    rotation: wp.array2d[wp.mat33d],
+    moved: wp.array4d[wp.float64],
+):
+    """(D12) At each place, where it is from the base, its frame, and how both vary, in the world.
+
+    Args:
+        found: As of ``curvatures``.
+        frame: Where the quaternion stands.
+        position: Where the position in the frame of the base stands.
+        angle: Where the angle of the rod stands against that frame; -1 of the rod whose frame it is.
+        base: Frames of the base, one for all or of each instance.
+        lever: Shape (instance, place).
+        rotation: Shape (instance, place).
+        moved: Columns of the position, then of the rotation vector, shape (instance, place, 6, column).
+    """
+    t = wp.tid()
+    last = found.shape[3] - 1
+    world = base[wp.min(t, base.shape[0] - 1)]
+    for p in range(lever.shape[1]):
+        v = pick(found, t, p + 1, frame, last)
+        w = found[t, p + 1, frame + 3, last]
+        size = wp.sqrt(wp.dot(v, v) + w * w)
+        turned = world * wp.quat_to_matrix(wp.quatd(v[0] / size, v[1] / size, v[2] / size, w / size))
+        own = wp.identity(3, dtype=f64)
+        if angle >= 0:
+            c = wp.cos(found[t, p + 1, angle, last])
+            s = wp.sin(found[t, p + 1, angle, last])
+            own = wp.mat33d(c, -s, f64(0.0), s, c, f64(0.0), f64(0.0), f64(0.0), f64(1.0))
+        lever[t, p] = world * pick(found, t, p + 1, position, last)
+        rotation[t, p] = turned * own
+        for k in range(last):
+            shift = world * pick(found, t, p + 1, position, k)
+            turn = by_inverse(v, w, pick(found, t, p + 1, frame, k), found[t, p + 1, frame + 3, k])
+            if angle >= 0:
+                turn[2] = turn[2] + found[t, p + 1, angle, k]
+            turn = turned * turn
+            for i in range(3):
+                moved[t, p, i, k] = shift[i]
+                moved[t, p, 3 + i, k] = turn[i]

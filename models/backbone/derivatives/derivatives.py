@@ -10,7 +10,7 @@ import numpy as np
 
 from multirod.models.backbone.derivatives.along import AlongPass
 from multirod.models.backbone.derivatives.designs import COMPONENTS, DEAD, POSE, Designs, carried, turned_loads
-from multirod.problem import FEW
+from multirod.problem import FEW, PosesSensed
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class BackboneDerivatives:
             slopes -= self.problem.read("gamma").reshape(-1, n, n) @ rates
             moved -= self.problem.pose_columns.numpy()[:, :, :n] @ rates
         for own in self._columns_of(names, "base"):
-            moved[:, :, own] += carried(self.problem.read("position") - self._base_position())
+            moved[:, :, own] += carried(self.problem.read("position") - self.base_position())
 
     def _columns_of(self, names: Sequence[str], wanted: str) -> Iterator[slice]:
         """Where the columns by one of the names stand."""
@@ -85,6 +85,11 @@ class BackboneDerivatives:
         """Derivatives of ``along.QUANTITIES`` at ``places`` (instance_count, count), rising arclengths of a rod, by the unknowns,
         then, these fixed, by each number that the problem is aimed at, each (instance_count, count, 3, n + k)."""
         found, lever = self.along_itself(rod, places)
+        self.complete(names, found, lever)
+        return found
+
+    def complete(self, names: Sequence[str], found: dict[str, FloatArray], lever: FloatArray) -> None:
+        """(D9), (D10) In place: columns along a rod with the unknowns fixed, and carried by a base that is moved."""
         rates, n = self.unknown_rates(names), self.problem.unknown_count
         if rates is not None:
             for values in found.values():
@@ -93,7 +98,6 @@ class BackboneDerivatives:
             rigid = carried(lever.reshape(-1, 3)).reshape(*lever.shape[:2], 2, 3, -1)
             for k, name in enumerate(("position", "rotation")):
                 found[name][..., n + own.start : n + own.stop] += rigid[:, :, k]
-        return found
 
     def along_itself(self, rod: int, places: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
         """``AlongPass.at`` of the last integration's unknowns, inputs and directions."""
@@ -110,21 +114,38 @@ class BackboneDerivatives:
             raise NotImplementedError("derivatives along rods side by side are not known: their frames are not the line's")
 
     def sensing(self, places: FloatArray) -> AlongPass:
-        """As ``BoundaryProblem.sensing`` has it."""
+        """A pass that may take the place of an integration, at rising ``places`` (count,) of each instance."""
         self._refuse_side_by_side()
         made = AlongPass(self.problem, len(places), shared=True)
         made.place(np.broadcast_to(places, (self.problem.instance_count, len(places))))
         return made
 
-    def sensed(self, made: AlongPass, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
-        """As ``BoundaryProblem.sensed`` has it."""
-        curvature, columns = made.curvature(rod)
-        rates, n = self.unknown_rates(names), self.problem.unknown_count
+    def base_position(self) -> FloatArray:
+        """Of the base in the world [m], shape (instance_count, 3)."""
+        position = self.problem.base[..., :3, 3]
+        return np.broadcast_to(position, (*self.problem.batch_shape, 3)).reshape(-1, 3) if position.ndim > 1 else position[None]
+
+
+class BackboneSensing:
+    """A backbone's integration that tells curvatures and poses at some places too: a ``Sensing``."""
+
+    def __init__(self, derivatives: BackboneDerivatives, places: FloatArray) -> None:
+        self._derivatives, self._pass = derivatives, derivatives.sensing(places)
+
+    def launch(self) -> None:
+        """Integrate."""
+        self._pass.launch()
+
+    def curvature(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """As ``Sensing`` says."""
+        curvature, columns = self._pass.curvature(rod)
+        rates, n = self._derivatives.unknown_rates(names), self._derivatives.problem.unknown_count
         if rates is not None:
             columns[..., n:] -= columns[..., :n] @ rates[:, None]
         return curvature, columns
 
-    def _base_position(self) -> FloatArray:
-        """Of the base in the world [m], shape (instance_count, 3)."""
-        position = self.problem.base[..., :3, 3]
-        return np.broadcast_to(position, (*self.problem.batch_shape, 3)).reshape(-1, 3) if position.ndim > 1 else position[None]
+    def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
+        """As ``Sensing`` says."""
+        found = self._pass.poses(rod)
+        self._derivatives.complete(names, found.columns, found.lever)
+        return found.at(self._derivatives.base_position())

@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multirod.models.backbone.derivatives.along import AlongPass, along_member, of_member
+from multirod.models.backbone.derivatives.along import AlongPass, PosesAlong, along_member, of_member
 from multirod.models.backbone.derivatives.designs import POSE, carried
 from multirod.models.network.derivatives.designs import Aim, by_numbers
 from multirod.models.network.elements.elements import TURNING
 from multirod.models.network.places import FIXED
 from multirod.models.network.poses import ground_of
+from multirod.problem import PosesSensed
 from multirod.rotations import cross
 from multirod.validation import FloatArray
 
@@ -40,7 +41,15 @@ def columns_along(problem: "NetworkProblem", names: Sequence[str], rod: int, pla
     group, place, tube = find_rod(problem, rod)
     problem.hand_over()
     found, lever = along_member(group.backbones, tube, place, places)
-    aim, member = problem.aim_of(names), int(group.members[place])
+    return of_network(problem, problem.aim_of(names), group, place, found, lever)
+
+
+def of_network(
+    problem: "NetworkProblem", aim: Aim, group: "RodGroup", place: int, found: dict[str, FloatArray], lever: FloatArray
+) -> dict[str, FloatArray]:
+    """(D21) Columns along a rod in the frame of its base, as they are in the world, by the network's unknowns and numbers;
+    ``lever`` (b, count, 3) is how far places are from the base, in its frame."""
+    member = int(group.members[place])
     base, move, turn = base_columns(problem, aim, member)
     beta = np.swapaxes(base, 1, 2) @ turn
     result = {name: by_network(problem, aim, group, place, values, beta) for name, values in found.items()}
@@ -127,7 +136,7 @@ def by_network(
 
 
 class NetworkSensing:
-    """A ``NetworkProblem``'s integration that tells its rods' curvatures at some places too.
+    """A ``NetworkProblem``'s integration that tells its rods' curvatures and poses at some places too: a ``Sensing``.
 
     Args:
         problem: The problem.
@@ -137,7 +146,7 @@ class NetworkSensing:
 
     def __init__(self, problem: "NetworkProblem", places: FloatArray, launches: Sequence[Any]) -> None:
         self.problem = problem
-        self._passes: list[AlongPass] = [group.backbones.sensing(places) for group in problem.groups]
+        self._passes: list[AlongPass] = [group.backbones.derivatives.sensing(places) for group in problem.groups]
         self._launches = list(launches)
         self._launches[2:-1:3] = self._passes
 
@@ -146,7 +155,7 @@ class NetworkSensing:
         self.problem.integrate_by(self._launches)
 
     def curvature(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
-        """Of the last launch, as ``BoundaryProblem.sensed`` says."""
+        """Of the last launch, as ``Sensing`` says."""
         problem = self.problem
         group, place, tube = find_rod(problem, rod)
         found = self._passes[problem.groups.index(group)].curvature(tube)
@@ -156,3 +165,14 @@ class NetworkSensing:
         columns = by_network(problem, aim, group, place, columns, np.swapaxes(base, 1, 2) @ turn)
         at_rates(problem, aim, columns)
         return curvature, columns
+
+    def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
+        """Of the last launch, as ``Sensing`` says."""
+        problem = self.problem
+        group, place, tube = find_rod(problem, rod)
+        found = self._passes[problem.groups.index(group)].poses(tube).of_member(problem.instance_count, place)
+        columns = of_network(problem, problem.aim_of(names), group, place, found.columns, found.lever)
+        end, member = problem.state().ends[0], int(group.members[place])
+        base = end.rotation[:, member, None]
+        lever = (base @ found.lever[..., None])[..., 0]
+        return PosesAlong(lever, base @ found.rotation, columns).at(end.position[:, member])

@@ -1,13 +1,16 @@
 """How legs that hold a platform vary along themselves. Numbers in parentheses are those of ``docs/derivatives.md``."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multirod.models.backbone.derivatives.along import AlongPass, along_member, of_member
 from multirod.models.backbone.derivatives.designs import carried
+from multirod.models.platform.derivatives.columns import input_columns
 from multirod.models.platform.derivatives.designs import unknown_rates
+from multirod.problem import PosesSensed
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -37,7 +40,15 @@ def columns_along(
     group, place, own = find_rod(problem, rod)
     problem.to_legs()
     found, lever = along_member(group.backbones, own, place, places)
-    leg, n = group.members[place], problem.unknown_count
+    return of_robot(problem, every, group.members[place], found, lever)
+
+
+def of_robot(
+    problem: "ParallelProblem", every: Sequence["InputColumns"], leg: int, found: dict[str, FloatArray], lever: FloatArray
+) -> dict[str, FloatArray]:
+    """(D20) Columns along a leg, by the robot's unknowns and numbers; ``lever`` (b, count, 3) is how far places are from its
+    base, in the world."""
+    n = problem.unknown_count
     rigid = carried(lever.reshape(-1, 3)).reshape(len(lever), -1, 2, 3, 6)
     result = {name: by_robot(problem, every, leg, values) for name, values in found.items()}
     start = n
@@ -77,7 +88,7 @@ def at_rates(problem: "ParallelProblem", every: Sequence["InputColumns"], values
 
 
 class LegSensing:
-    """A ``ParallelProblem``'s integration that tells its legs' curvatures at some places too.
+    """A ``ParallelProblem``'s integration that tells its legs' curvatures and poses at some places too: a ``Sensing``.
 
     Args:
         problem: The problem.
@@ -87,18 +98,29 @@ class LegSensing:
     def __init__(self, problem: "ParallelProblem", places: FloatArray) -> None:
         refuse_inverse(problem)
         self.problem = problem
-        self._passes: list[AlongPass] = [group.backbones.sensing(places) for group in problem.groups]
+        self._passes: list[AlongPass] = [group.backbones.derivatives.sensing(places) for group in problem.groups]
 
     def launch(self) -> None:
         """Integrate."""
         self.problem.integrate_by(self._passes)
 
-    def curvature(self, every: Sequence["InputColumns"], rod: int) -> tuple[FloatArray, FloatArray]:
-        """Of the last launch, as ``BoundaryProblem.sensed`` says."""
+    def curvature(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """Of the last launch, as ``Sensing`` says."""
         problem = self.problem
         group, place, own = find_rod(problem, rod)
         found = self._passes[problem.groups.index(group)].curvature(own)
         curvature, columns = (of_member(values, problem.instance_count, place) for values in found)
+        every = input_columns(problem.geometry, names)
         columns = by_robot(problem, every, group.members[place], columns)
         at_rates(problem, every, columns)
         return curvature, columns
+
+    def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
+        """Of the last launch, as ``Sensing`` says."""
+        problem = self.problem
+        group, place, own = find_rod(problem, rod)
+        found = self._passes[problem.groups.index(group)].poses(own).of_member(problem.instance_count, place)
+        every = input_columns(problem.geometry, names)
+        columns = of_robot(problem, every, group.members[place], found.columns, found.lever)
+        base = np.broadcast_to(group.backbones.derivatives.base_position(), (group.backbones.instance_count, 3))
+        return replace(found, columns=columns).at(of_member(base, problem.instance_count, place))

@@ -17,7 +17,7 @@ from multirod.tasks.estimating.fit import Fit
 from multirod.tasks.estimating.inference import kept
 from multirod.tasks.estimating.parameters import PARAMETERS, Parameters
 from multirod.tasks.estimating.priors import Prior
-from multirod.tasks.measuring.curvature import Places
+from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, choice, device_name, frozen, instance, meant, positive_int, refuse, shown

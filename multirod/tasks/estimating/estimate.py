@@ -24,7 +24,7 @@ from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.formulation import freed, places_of, with_values
 from multirod.tasks.limits import freed_labels
-from multirod.tasks.measuring.curvature import Places
+from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers, StatusOrArray
 from multirod.validation import Described, FloatArray, choice, device_name, frozen, instance, positive_int, refuse

@@ -22,7 +22,7 @@ from multirod.tasks.estimating.iteration import Known, block_diagonal
 from multirod.tasks.estimating.priors import Prior, Walk
 from multirod.tasks.formulation import freed, options, places_of
 from multirod.tasks.limits import known_rows
-from multirod.tasks.measuring.curvature import Places
+from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Live, Sensor, batch_of, checked
 from multirod.types import Numbers
 from multirod.validation import Described, device_name, instance, positive_float, refuse

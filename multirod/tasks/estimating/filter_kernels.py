@@ -22,7 +22,7 @@ class Filter:
     # sensors
     kind: wp.array[wp.vec3i]  # of each, whether it is a pose with a position, a rotation, an axis; else its rows are ``told``
     row: wp.array[int]  # the first of each
-    weight: wp.array[wp.vec2d]  # of positions, of angles
+    whitening: wp.array3d[wp.float64]  # of rows of poses, lower triangular, (sensor, 6, 6)
     # what they say
     position: wp.array2d[wp.vec3d]  # (instance, sensor)
     rotation: wp.array2d[wp.mat33d]
@@ -90,24 +90,44 @@ def leave_out(s: Filter, t: int, row: int):
 
 
 @wp.func(inline=False)
+def whiten(s: Filter, t: int, i: int):
+    """The rows of a sensor in its standard deviations."""
+    first = s.row[i]
+    m = end_of(s, i) - first
+    for at in range(m):
+        row = m - 1 - at  # those before it are not multiplied yet
+        total = f64(0.0)
+        for l in range(row + 1):
+            total += s.whitening[i, row, l] * s.r[t, first + l]
+        s.r[t, first + row] = total
+        for j in range(s.J.shape[2]):
+            total = f64(0.0)
+            for l in range(row + 1):
+                total += s.whitening[i, row, l] * s.J[t, first + l, j]
+            s.J[t, first + row, j] = total
+
+
+@wp.func(inline=False)
 def place_rows(s: Filter, t: int):
     """(3) Of all sensors; zeros in the place of those that are missing."""
     for i in range(s.kind.shape[0]):
         kind = s.kind[i]
-        row = s.row[i]
+        row = int(s.row[i])
         if kind[0] == 1:
-            position_rows(s.task, s.r, s.J, t, row, s.position[t, i], s.weight[i][0])
+            position_rows(s.task, s.r, s.J, t, row, s.position[t, i], f64(1.0))
             row += 3
         if kind[0] == 2:
-            sighted_rows(s.task, s.r, s.J, t, row, s.position[t, i], s.across[t, i], s.weight[i][0])
+            sighted_rows(s.task, s.r, s.J, t, row, s.position[t, i], s.across[t, i], f64(1.0))
             row += 2
         if kind[1] != 0:
-            rotation_rows(s.task, s.r, s.J, t, row, s.rotation[t, i], s.weight[i][1])
+            rotation_rows(s.task, s.r, s.J, t, row, s.rotation[t, i], f64(1.0))
         if kind[2] != 0:
-            axis_rows(s.task, s.r, s.J, t, row, s.axis[t, i], s.weight[i][1])
+            axis_rows(s.task, s.r, s.J, t, row, s.axis[t, i], f64(1.0))
         if kind[0] + kind[1] + kind[2] == 0:
             for own in range(row, end_of(s, i)):
                 told_row(s, t, own)
+        else:
+            whiten(s, t, i)
     for row in range(s.r.shape[1]):
         if s.known[t, row] == 0:
             leave_out(s, t, row)

@@ -20,8 +20,8 @@ from multirod.tasks.estimating.filter_kernels import Filter, make_filter
 from multirod.tasks.estimating.inference import Posterior, deviations, roots
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.formulation import input_units
-from multirod.tasks.measuring.curvature import Curvature
 from multirod.tasks.measuring.sensors import Live
+from multirod.tasks.rows import PoseRows
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.validation import FloatArray, frozen
@@ -109,12 +109,9 @@ class _FilterTrack(Track):
         shared = known.state | live.poses | {"known": live.there}
         apart = not wp.get_device(problem.device).is_cpu
         self._sent, self._fetched = (list(each.values()) if apart else [] for each in (shared, known.state))
-        bent = [(k, sensor) for k, sensor in enumerate(live.sensors) if isinstance(sensor, Curvature)]
-        self._told = Shared((count, m, 1 + n + k) if bent else (1, 1, 1), wp.float64, problem.device)
-        self._bent = [
-            (index, self._told.values[:, live.slices[index]].reshape(count, len(sensor.at), sensor.components, -1))
-            for index, sensor in bent
-        ]
+        along = [index for index, sensor in enumerate(live.sensors) if sensor.places is not None]
+        self._told = Shared((count, m, 1 + n + k) if along else (1, 1, 1), wp.float64, problem.device)
+        self._along = [(index, self._told.values[:, live.slices[index]]) for index in along]
         for name, each in (shared | {"told": self._told}).items():
             setattr(state, name, each.array)
         room = {"r": (m,), "J": (m, k), "normal": (k, 1 + k), "system": (k, k), "sides": (k, 1 + k), "unknowns": (n,)}
@@ -123,8 +120,8 @@ class _FilterTrack(Track):
         firsts = [own.start for own in live.slices]
         state.kind = wp.array(np.array(live.kinds, dtype=np.int32), dtype=wp.vec3i, device=problem.device)
         state.row = wp.array(np.array(firsts, dtype=np.int32), dtype=wp.int32, device=problem.device)
-        weights = [live.weights[i] if any(kind) else (1.0, 1.0) for i, kind in enumerate(live.kinds)]
-        state.weight = wp.array(np.array(weights), dtype=wp.vec2d, device=problem.device)
+        whitening = np.array([_padded(rows.whitening if isinstance(rows, PoseRows) else None) for rows in live.rows])
+        state.whitening = wp.array(whitening, dtype=wp.float64, device=problem.device)
         state.gated = int(known.most is not None)
         state.most = wp.array(np.zeros(1) if known.most is None else known.most, dtype=wp.float64, device=problem.device)
         self._watch = Watch(problem)
@@ -223,12 +220,11 @@ class _FilterTrack(Track):
     def _tell(self) -> None:
         """Rows that kernels do not know of; columns that they do not find."""
         self._columns.update()
-        if not self._bent:
+        if not self._along:
             return
-        curvature, columns = self.task.sensed()
-        for index, told in self._bent:
-            rows: Any = self.known.live.rows[index]
-            rows.put(curvature, columns, told)
+        found = self.task.sensed()
+        for index, told in self._along:
+            self.known.live.rows[index].put(found, told)
         self._told.send()
 
     def _begin(self, chosen: NDArray[np.intp], outcome: Outcome) -> None:
@@ -259,6 +255,14 @@ def _largest_squares(count: int, gate: float) -> FloatArray:
     from scipy.special import gammaincinv
 
     return np.concatenate([[np.inf], 2 * gammaincinv(0.5 * np.arange(1, count + 1), gate)])
+
+
+def _padded(whitening: FloatArray | None) -> FloatArray:
+    """As kernels read it, shape (6, 6)."""
+    result = np.eye(6)
+    if whitening is not None:
+        result[: len(whitening), : len(whitening)] = whitening
+    return result
 
 
 def _signs(gamma: FloatArray) -> FloatArray:

@@ -1,7 +1,6 @@
 """Gauss-Newton steps in parameters that many shapes share. Numbers in parentheses: ``docs/estimation.md``."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import prod
 from typing import Any
 
@@ -19,7 +18,7 @@ from multirod.tasks.estimating.inference import Posterior, posterior, roots, uni
 from multirod.tasks.estimating.iteration import HALVINGS, SETTLED, SLACK, TOLERANCE
 from multirod.tasks.estimating.parameters import Parameters
 from multirod.tasks.formulation import Evaluation
-from multirod.tasks.measuring.curvature import AlongEvaluation, AlongTask, Places
+from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.sensors import Measured
 from multirod.validation import FloatArray
 
@@ -96,12 +95,7 @@ class Fit:
             return None
         found = Shapes(problem, names, self.measured.places).evaluate(x)
         self.integrations += 1
-        columns = self.numbers.columns(robot, p)
-        changed: dict[str, Any] = {"slopes": found.slopes @ columns, "pose_by_free": found.pose_by_free @ columns}
-        if isinstance(found, AlongEvaluation):
-            own, n = found.curvature_columns, x.shape[1]
-            changed["curvature_columns"] = np.concatenate([own[..., :n], own[..., n:] @ columns], axis=-1)
-        found = replace(found, **changed)
+        found = found.by(self.numbers.columns(robot, p))
         r, J = self.measured.at(found, slice(None))
         with np.errstate(invalid="ignore"):
             square = (r**2).sum() + ((self.root[0] @ p) ** 2).sum()

@@ -19,7 +19,7 @@ from multirod.tasks.estimating.inference import damping, deviations, posterior, 
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.limits import known_rows
-from multirod.tasks.measuring.curvature import Places
+from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor
 from multirod.validation import FloatArray
 
@@ -123,7 +123,7 @@ class Part:
             self.x = problem.read("unknowns")
             good = ~failures(self.outcome.status)
             self.outcome.status[good] = Status.NOT_RUN
-            if self.scene.places.rods:  # which it did not tell of
+            if self.scene.places.at.size:  # which it did not tell of
                 found = self.task.evaluate(np.where(good[:, None], self.x, 0.0), self.p, good)
                 self.outcome.integrations[good] += 1
             else:

@@ -1,33 +1,16 @@
 """Curvatures measured along a rod, such as by gratings in a fibre. Numbers in parentheses: ``docs/estimation.md``."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.assembly import Assembly
 from multirod.batch import Instances, IntArray, take
-from multirod.inputs import Inputs
-from multirod.problem import BoundaryProblem
-from multirod.results.derivatives import places_on
-from multirod.tasks.formulation import Evaluation, Task
+from multirod.tasks.formulation import Evaluation
+from multirod.tasks.measuring.along import Along, AlongEvaluation, Places
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, refuse
-
-
-@dataclass(frozen=True)
-class AlongEvaluation(Evaluation):
-    """What one integration says along the rods too, at the places of all sensors together.
-
-    Attributes:
-        curvature: ``u`` in the frame of each rod that has a sensor [1/m], shape (b, rod, place, 3).
-        curvature_columns: By the unknowns, then by what is freed, shape (b, rod, place, 3, n + k).
-    """
-
-    curvature: FloatArray
-    curvature_columns: FloatArray
 
 
 class Curvature:
@@ -71,6 +54,11 @@ class Curvature:
         """Rows."""
         return len(self.at) * self.components
 
+    @property
+    def places(self) -> FloatArray:
+        """Where it is along its rod [m], shape (count,)."""
+        return self.at
+
     def shaped(self, field: str, value: FloatArray) -> FloatArray:
         """Values (..., count, components)."""
         result = value[..., None, :] if self._single else value
@@ -91,7 +79,7 @@ class CurvatureRows:
     Attributes:
         value: Shape (b, count, components).
         weight: One over the deviations, shape (components,).
-        rod: Its place among the rods that have sensors.
+        rod: Which rod.
         places: Which of all sensors' places are its own, indices (count,), or a slice where they follow each other.
     """
 
@@ -112,105 +100,29 @@ class CurvatureRows:
     def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
         """As ``Rows`` say; of what an ``AlongTask`` says."""
         assert isinstance(found, AlongEvaluation)
-        count, n = found.residual.shape
-        told: FloatArray = np.empty((count, *self.value.shape[1:], 1 + found.curvature_columns.shape[-1]))
-        self.put(found.curvature, found.curvature_columns, told)
-        told = told.reshape(count, self.count, told.shape[-1])
+        n = found.residual.shape[1]
+        told: FloatArray = np.empty((len(self.value), self.count, 1 + found.curvatures[self.rod][1].shape[-1]))
+        self.put(found, told)
         return told[..., 0], told[..., 1 : 1 + n], told[..., 1 + n :]
 
-    def put(self, curvature: FloatArray, columns: FloatArray, told: FloatArray) -> None:
-        """(14) ``W (h - y)`` and its derivatives by unknowns and by what is freed, of those of all places, beside each other into
-        ``told``, (b, count, components, 1 + n + k)."""
-        part = slice(self.value.shape[2])
-        np.multiply(self.weight, curvature[:, self.rod, self.places, part] - self.value, out=told[..., 0])
-        np.multiply(self.weight[:, None], columns[:, self.rod, self.places, part], out=told[..., 1:])
+    def put(self, found: Along | AlongEvaluation, told: FloatArray) -> None:
+        """(14) ``W (h - y)`` and its derivatives by unknowns and by what is freed beside each other into ``told``, (b, m,
+        1 + n + k)."""
+        own, part = told.reshape(*self.value.shape, told.shape[-1]), slice(self.value.shape[2])
+        curvature, columns = found.curvatures[self.rod]
+        np.multiply(self.weight, curvature[:, self.places, part] - self.value, out=own[..., 0])
+        np.multiply(self.weight[:, None], columns[:, self.places, part], out=own[..., 1:])
 
 
-class Places:
-    """Where all sensors along the rods of a robot are: every place once, and the rods that have one.
-
-    Args:
-        robot: The robot.
-        inputs: By which rods are pushed along.
-        sensors: All, of which some are ``Curvature``.
-
-    Raises:
-        ValueError: If there is no such rod, or a place is not on it.
-    """
-
-    def __init__(self, robot: Assembly, inputs: Inputs, sensors: Sequence[Any]) -> None:
-        own = [sensor for sensor in sensors if isinstance(sensor, Curvature)]
-        index = {id(sensor): rod_index(robot, sensor.rod) for sensor in own}
-        self.rods = tuple(sorted(set(index.values())))
-        every = {id(sensor): places_on(robot, inputs.translation, sensor.at, index[id(sensor)]) for sensor in own}
-        self.at: FloatArray = np.unique(np.concatenate([np.zeros(0), *every.values()]))
-        self._found = {key: (self.rods.index(index[key]), _followed(np.searchsorted(self.at, at))) for key, at in every.items()}
-
-    def rows(
-        self, sensor: Curvature, batch_shape: tuple[int, ...], instances: IntArray | None
-    ) -> tuple[CurvatureRows, NDArray[np.bool_]]:
-        """The rows of a sensor, NaN replaced, and which of them were no NaN."""
-        return self.filled(sensor, np.asarray(take(sensor.value, batch_shape, instances, tail=2)))
-
-    def filled(self, sensor: Curvature, value: FloatArray) -> tuple[CurvatureRows, NDArray[np.bool_]]:
-        """The same of other values, (b, count, components)."""
-        known = np.isfinite(value)
-        rod, places = self._found[id(sensor)]
-        rows = CurvatureRows(np.where(known, value, 0.0), 1 / sensor.sigma, rod, places)
-        return rows, known.reshape(len(value), -1)
+def curvature_rows(
+    sensor: Curvature, places: Places, batch_shape: tuple[int, ...], instances: IntArray | None
+) -> tuple[CurvatureRows, NDArray[np.bool_]]:
+    """The rows of a sensor, NaN replaced, and which of them were no NaN."""
+    return filled(sensor, places, np.asarray(take(sensor.value, batch_shape, instances, tail=2)))
 
 
-def rod_index(robot: Assembly, rod: int | str) -> int:
-    """Number of a rod, from the first."""
-    names = [own.name for own in robot.rods]
-    index = names.index(rod) if isinstance(rod, str) and rod in names else rod
-    if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not 0 <= index < len(names):
-        refuse("Curvature.rod", rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
-    return int(index)
-
-
-def _followed(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
-    """Rising indices as a slice, which is read sooner, where they follow each other."""
-    first, last = int(places[0]), int(places[-1])
-    return slice(first, last + 1) if last - first + 1 == len(places) else places
-
-
-class AlongTask(Task):
-    """A task whose integrations tell the curvature at some places too, and its columns, where there are any."""
-
-    def __init__(self, problem: BoundaryProblem, free: Sequence[str], places: Places) -> None:
-        super().__init__(problem, free)
-        self._sense(places)
-
-    def _sense(self, places: Places) -> None:
-        self._places = places
-        self._pass = self.problem.sensing(places.at) if places.rods else None
-
-    def integrate(self) -> None:
-        """As said; of all places too."""
-        if self._pass is None:
-            self.problem.integrate()
-            return
-        self.problem.heed_stop()
-        self._pass.launch()
-
-    def last(self, instances: NDArray[np.intp] | slice = slice(None)) -> Evaluation:
-        """What the last integration said of some instances."""
-        found = super().last(instances)
-        if self._pass is None:
-            return found
-        values, columns = (np.array(part[instances]) for part in self.sensed())
-        if found.failed.any():
-            values[found.failed], columns[found.failed] = np.nan, np.nan
-        return AlongEvaluation(**vars(found), curvature=values, curvature_columns=columns)
-
-    def sensed(self) -> tuple[FloatArray, FloatArray]:
-        """What the last integration said of the places, as of an ``AlongEvaluation``; to be read at once."""
-        told = [self.problem.sensed(self._pass, self.free, rod) for rod in self._places.rods]
-        values, columns = (_stacked(part) for part in zip(*told, strict=True))
-        return values, columns
-
-
-def _stacked(parts: Sequence[FloatArray]) -> FloatArray:
-    """``np.stack(parts, axis=1)``, without a copy where there is one."""
-    return parts[0][:, None] if len(parts) == 1 else np.stack(parts, axis=1)
+def filled(sensor: Curvature, places: Places, value: FloatArray) -> tuple[CurvatureRows, NDArray[np.bool_]]:
+    """The same of other values, (b, count, components)."""
+    known = np.isfinite(value)
+    rows = CurvatureRows(np.where(known, value, 0.0), 1 / sensor.sigma, *places.of(sensor))
+    return rows, known.reshape(len(value), -1)

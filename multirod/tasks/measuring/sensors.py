@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -14,7 +15,8 @@ from multirod.kernels.shared import Shared
 from multirod.problem import BoundaryProblem
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.given import plain, turned
-from multirod.tasks.measuring.curvature import AlongTask, Curvature, CurvatureRows, Places
+from multirod.tasks.measuring.along import AlongTask, Places
+from multirod.tasks.measuring.curvature import Curvature, CurvatureRows, curvature_rows, filled
 from multirod.tasks.rows import PARTS, SMALLEST_AXIS, Pose, PoseRows
 from multirod.validation import Described, FloatArray, array, refuse
 
@@ -44,9 +46,9 @@ class Measured:
     ) -> None:
         self.places = places
         pairs: list[tuple[PoseRows | CurvatureRows, NDArray[np.bool_]]] = [
-            places.rows(sensor, batch_shape, instances)
+            curvature_rows(sensor, places, batch_shape, instances)
             if isinstance(sensor, Curvature)
-            else _filled(sensor.rows(1.0, batch_shape, instances))
+            else _filled(replace(sensor.rows(1.0, batch_shape, instances), place=places.one(sensor)))
             for sensor in sensors
         ]
         self.rows: list[PoseRows | CurvatureRows] = [rows for rows, _ in pairs]
@@ -58,7 +60,7 @@ class Measured:
         """Where the first instance's end effector was seen [m], shape (3,), NaN where that is missing; None where no sensor sees
         all of it."""
         for rows, end in zip(self.rows, self.ends, strict=True):
-            if isinstance(rows, PoseRows) and rows.position is not None and rows.across is None:
+            if isinstance(rows, PoseRows) and rows.position is not None and rows.across is None and rows.place is None:
                 known = self.known[0, end - rows.count :][:3]
                 return np.where(known, rows.position[0], np.nan)
         return None
@@ -122,10 +124,9 @@ def checked(field: str, measured: object) -> tuple[Sensor, ...]:
     if not isinstance(given, (list, tuple)) or not given or not all(isinstance(item, Sensor) for item in given):
         raise TypeError(f"{field} must be measurements, such as [Pose(position=p, rotation=R, sigma=(5e-4, 5e-3))]")
     for k, item in enumerate(given):
-        if item.sigma is None:
-            name = type(item).__name__
-            refuse(f"{field}[{k}].sigma", None, f"must be given: {name}(..., sigma=), standard deviations of what is measured")
         if isinstance(item, Pose):
+            if not item.measures:
+                refuse(f"{field}[{k}].sigma", None, "must be given: Pose(..., sigma=), standard deviations of what is measured")
             plausibility.of_place(f"{field}[{k}].position", item.position)
     return tuple(given)
 
@@ -152,7 +153,10 @@ def _filled(own: PoseRows) -> tuple[PoseRows, NDArray[np.bool_]]:
         rotation = np.where(known[-1][:, :1, None], rotation, np.eye(3))
     if axis is not None:
         axis = np.where(known[-1][:, :1], axis, (0.0, 0.0, 1.0))
-    return PoseRows(position, rotation, axis, own.weight, own.across), np.concatenate(known, axis=1)
+    there = np.concatenate(known, axis=1)
+    if own.whitening is not None:  # a row that what is missing goes into is not there
+        there = ~(~there @ (own.whitening != 0).T)
+    return replace(own, position=position, rotation=rotation, axis=axis), there
 
 
 def batch_of(sensors: Sequence[Sensor]) -> tuple[int, ...]:
@@ -173,8 +177,8 @@ class Live(Measured):
         missing: Whether a number of each sensor is missing, shape (b, sensor_count).
         counted: Rows that there are, shape (b,).
         slices: Where those of each sensor stand.
-        weights: One over the deviations of each sensor.
-        kinds: Whether each sensor has a position (2: across a direction), a rotation, an axis; none of a curvature.
+        kinds: Whether each sensor of the end effector has a position (2: across a direction), a rotation, an axis; none of
+            those along rods.
         poses: What poses say, by these names, ``position``, ``axis`` and ``across`` (b, sensor_count, 3), ``rotation``
             (b, sensor_count, 3, 3), as kernels read it.
         there: ``known``, as kernels read it.
@@ -185,7 +189,6 @@ class Live(Measured):
         self.sensors = tuple(sensors)
         self._batch_shape, self._count = batch_shape, len(self.known)
         self.slices = [slice(end - sensor.count, end) for sensor, end in zip(sensors, self.ends.tolist(), strict=True)]
-        self.weights = [1 / sensor.sigma for sensor in sensors if sensor.sigma is not None]
         self._whole = np.zeros((self._count, len(sensors)), dtype=bool), np.full(self._count, self.known.shape[1])
         self.known[:] = True
         self.missing, self.counted = self._whole
@@ -197,16 +200,16 @@ class Live(Measured):
         self.there = Shared(self.known.shape, wp.int32, device)
         self.there.values[:] = 1
         self._names = [[name for name in TOLD if getattr(sensor, name, None) is not None] for sensor in sensors]
-        self.kinds = [sensor.kind if isinstance(sensor, Pose) else (0, 0, 0) for sensor in sensors]
+        self.kinds = [sensor.kind if isinstance(sensor, Pose) and sensor.at is None else (0, 0, 0) for sensor in sensors]
         for k, sensor in enumerate(sensors):
             if isinstance(sensor, Pose):
                 given: Any = self.rows[k]
                 if given.across is not None:
                     self.poses["across"].values[:, k] = given.across
                 own: Any = [self.poses[name].values[:, k] if getattr(sensor, name) is not None else None for name in PARTS]
-                self.rows[k] = PoseRows(own[0], own[1], own[2], self.weights[k], own[3])
+                self.rows[k] = replace(given, position=own[0], rotation=own[1], axis=own[2], across=own[3])
             else:
-                self.rows[k], _ = places.filled(sensor, np.zeros((self._count, len(sensor.at), sensor.components)))
+                self.rows[k], _ = filled(sensor, places, np.zeros((self._count, len(sensor.at), sensor.components)))
 
     def dropped(self) -> tuple[str, ...]:
         """As of ``Measured``; at no cost where nothing dropped out."""
@@ -241,7 +244,7 @@ class Live(Measured):
             if not self._batch_shape and isinstance(bent, CurvatureRows) and plain(value, tail):
                 bent.value[0] = cast(ArrayLike, value)
                 return None
-            self.rows[k], known = self.places.filled(sensor, self._numbers(f"measured[{k}]", value, tail))
+            self.rows[k], known = filled(sensor, self.places, self._numbers(f"measured[{k}]", value, tail))
             return None if known.all() else known
         names = self._names[k]
         parts = (value,) if len(names) == 1 else value
@@ -268,10 +271,15 @@ class Live(Measured):
                     parts[-1],
                     f"must be a rotation: R R^T is off the identity by {np.nanmax(off):.2g}",
                 )
-        rows, known = _filled(PoseRows(told["position"], told["rotation"], told["axis"], self.weights[k], sensor.across))
+        rows, known = _filled(replace(self._posed(k), position=told["position"], rotation=told["rotation"], axis=told["axis"]))
         for name in names:
             self.poses[name].values[:, k] = getattr(rows, name)
         return None if known.all() else known
+
+    def _posed(self, k: int) -> PoseRows:
+        rows = self.rows[k]
+        assert isinstance(rows, PoseRows)
+        return rows
 
     def _numbers(self, field: str, value: object, tail: tuple[int, ...]) -> FloatArray:
         """(b, *tail), which may be NaN."""

@@ -147,6 +147,8 @@ def reach(
     plausibility.of_place("target.position", target.position)
     if not target.whole:
         refuse("target", target, "must be finite: NaN is for a measurement that is missing")
+    if target.measures or target.at is not None:
+        refuse("target", target, "must be without sigma, covariance and at, which are of measurements")
     if guess is not None:
         instance("guess", guess, Solution, "a Solution")
     if limits is not None:

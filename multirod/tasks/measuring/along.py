@@ -1,0 +1,175 @@
+"""What sensors along the rods are told by: one integration, at the places of all of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.assembly import Assembly
+from multirod.batch import Instances
+from multirod.inputs import Inputs
+from multirod.problem import BoundaryProblem, PosesSensed
+from multirod.results.derivatives import places_on
+from multirod.tasks.formulation import Evaluation, PosedAt, Task
+from multirod.validation import FloatArray, refuse
+
+
+class Sensed(Protocol):
+    """A sensor."""
+
+    rod: int | str
+
+    @property
+    def places(self) -> FloatArray | None:
+        """Arclengths along its rod [m], rising; None of a sensor of the end effector."""
+
+
+@dataclass(frozen=True)
+class Along:
+    """What an integration said along the rods.
+
+    Attributes:
+        curvatures: By rod, curvatures and their columns, as ``Sensing.curvature`` has them.
+        poses: By rod, as ``Sensing.poses`` has them.
+    """
+
+    curvatures: Mapping[int, tuple[FloatArray, FloatArray]]
+    poses: Mapping[int, PosesSensed]
+
+
+@dataclass(frozen=True)
+class AlongEvaluation(Evaluation):
+    """What one integration says along the rods too, as ``Along`` has it."""
+
+    curvatures: Mapping[int, tuple[FloatArray, FloatArray]]
+    poses: Mapping[int, PosesSensed]
+
+    def take(self, instances: Instances) -> Self:
+        """That of some instances, by an index of the first axis."""
+        own = Evaluation(**{name: getattr(self, name) for name in Evaluation.__dataclass_fields__}).take(instances)
+        return type(self)(**vars(own), **vars(_taken(self, instances)))
+
+    def by(self, columns: FloatArray) -> Self:
+        """As said."""
+        n, own = self.residual.shape[1], super().by(columns)
+
+        def joined(values: FloatArray) -> FloatArray:
+            return np.concatenate([values[..., :n], values[..., n:] @ columns], axis=-1)
+
+        bent = {rod: (value, joined(by)) for rod, (value, by) in self.curvatures.items()}
+        poses = {rod: replace(each, columns=joined(each.columns)) for rod, each in self.poses.items()}
+        return replace(own, curvatures=bent, poses=poses)
+
+    def pose_at(self, place: tuple[int, int] | None) -> PosedAt:
+        """As said; at a place along a rod too."""
+        if place is None:
+            return super().pose_at(place)
+        (rod, index), n = place, self.residual.shape[1]
+        found = self.poses[rod]
+        columns = found.columns[:, index]
+        return found.position[:, index], found.rotation[:, index], columns[..., :n], columns[..., n:]
+
+
+def _taken(found: Along | AlongEvaluation, instances: Instances) -> Along:
+    """Copies of those of some instances."""
+    bent = {rod: (np.array(value[instances]), np.array(by[instances])) for rod, (value, by) in found.curvatures.items()}
+    poses = {rod: PosesSensed(*(np.array(own[instances]) for own in vars(each).values())) for rod, each in found.poses.items()}
+    return Along(bent, poses)
+
+
+class Places:
+    """Where all sensors along the rods of a robot are: every place once, and the rods that have one.
+
+    Args:
+        robot: The robot.
+        inputs: By which rods are pushed along.
+        sensors: All, of which some are along rods.
+
+    Attributes:
+        at: Rising arclengths [m], shape (count,).
+        bent: Rods of which curvatures are measured.
+        posed: Rods of which poses are measured.
+
+    Raises:
+        ValueError: If there is no such rod, or a place is not on it.
+    """
+
+    def __init__(self, robot: Assembly, inputs: Inputs, sensors: Sequence[Sensed]) -> None:
+        every: dict[int, tuple[int, FloatArray]] = {}
+        rods: dict[str, set[int]] = {"Curvature": set(), "Pose": set()}
+        for sensor in sensors:
+            if sensor.places is not None:
+                kind = type(sensor).__name__
+                rod = rod_index(f"{kind}.rod", robot, sensor.rod)
+                rods[kind].add(rod)
+                every[id(sensor)] = rod, places_on(robot, inputs.translation, sensor.places, rod)
+        self.bent, self.posed = (tuple(sorted(own)) for own in rods.values())
+        self.at: FloatArray = np.unique(np.concatenate([np.zeros(0), *(at for _, at in every.values())]))
+        self._found = {key: (rod, _followed(np.searchsorted(self.at, at))) for key, (rod, at) in every.items()}
+
+    def of(self, sensor: Sensed) -> tuple[int, NDArray[np.intp] | slice]:
+        """The rod of a sensor, and which of all places are its own."""
+        return self._found[id(sensor)]
+
+    def one(self, sensor: Sensed) -> tuple[int, int] | None:
+        """The same of a sensor at one place; None of one of the end effector."""
+        if sensor.places is None:
+            return None
+        rod, own = self.of(sensor)
+        assert isinstance(own, slice)  # as all that follow each other
+        return rod, int(own.start)
+
+
+def rod_index(field: str, robot: Assembly, rod: int | str) -> int:
+    """Number of a rod, from the first."""
+    names = [own.name for own in robot.rods]
+    index = names.index(rod) if isinstance(rod, str) and rod in names else rod
+    if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not 0 <= index < len(names):
+        refuse(field, rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
+    return int(index)
+
+
+def _followed(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Rising indices as a slice, which is read sooner, where they follow each other."""
+    first, last = int(places[0]), int(places[-1])
+    return slice(first, last + 1) if last - first + 1 == len(places) else places
+
+
+class AlongTask(Task):
+    """A task whose integrations tell curvatures and poses at some places too, and their columns, where there are any."""
+
+    def __init__(self, problem: BoundaryProblem, free: Sequence[str], places: Places) -> None:
+        super().__init__(problem, free)
+        self._sense(places)
+
+    def _sense(self, places: Places) -> None:
+        self._along = places
+        self._pass = self.problem.sensing(places.at) if len(places.at) else None
+
+    def integrate(self) -> None:
+        """As said; of all places too."""
+        if self._pass is None:
+            self.problem.integrate()
+            return
+        self.problem.heed_stop()
+        self._pass.launch()
+
+    def last(self, instances: NDArray[np.intp] | slice = slice(None)) -> Evaluation:
+        """What the last integration said of some instances."""
+        found = super().last(instances)
+        if self._pass is None:
+            return found
+        along = _taken(self.sensed(), instances)
+        if found.failed.any():
+            for values in (*along.curvatures.values(), *(tuple(vars(each).values()) for each in along.poses.values())):
+                for own in values:
+                    own[found.failed] = np.nan
+        return AlongEvaluation(**vars(found), **vars(along))
+
+    def sensed(self) -> Along:
+        """What the last integration said of the places; to be read at once."""
+        assert self._pass is not None
+        bent = {rod: self._pass.curvature(self.free, rod) for rod in self._along.bent}
+        return Along(bent, {rod: self._pass.poses(self.free, rod) for rod in self._along.posed})
