@@ -128,11 +128,11 @@ def test_fits_that_are_refused(name, number):
 
 
 @pytest.mark.parametrize(("name", "said"), [("side by side", "rods side by side"), ("inverse", "the inverse problem")])
-def test_curvatures_that_are_refused(name, said):
+def test_sensors_along_rods_that_are_refused(name, said):
     found = solved(name)
-    bent = mr.Curvature(at=0.1, value=(1, 0), sigma=0.05)
-    with pytest.raises(NotImplementedError, match=said):
-        mr.estimate(found.robot, found.inputs, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=bent)
+    for sensor in (mr.Curvature(at=0.1, value=(1, 0), sigma=0.05), mr.Pose(position=(0, 0, 0.1), at=0.1, sigma=1e-3)):
+        with pytest.raises(NotImplementedError, match=said):
+            mr.estimate(found.robot, found.inputs, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=sensor)
 
 
 def test_derivatives_along_rods_side_by_side_are_refused():
