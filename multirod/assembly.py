@@ -38,9 +38,11 @@ class Assembly(ABC):
 
     Attributes:
         rods: The rods, in the order of inputs per rod.
+        mass_carried: Of rigid bodies that these carry [kg].
     """
 
     rods: tuple[Rod, ...]
+    mass_carried: float = 0.0
     if TYPE_CHECKING:
         _input_name: Any  # of the names of inputs, those that ``Solution.jacobian`` takes: a ``Literal`` where they are known
     end_held: ClassVar[bool] = False  # whether something holds the end of its last rod, whose reactions solutions tell
@@ -296,6 +298,18 @@ class Assembly(ABC):
     def longest(self) -> float:
         """Length of the longest rod [m]."""
         return max(float(rod.length.max()) for rod in self.rods)
+
+    def borne(self, spec: InputSpec) -> FloatArray:
+        """What a load is multiplied by to be a force or a moment, ``spec.on``, where there is most of it: a number, or one for
+        each line; 1 of what is one itself. A mass that rods carry counts as if the longest had it along itself."""
+        if not spec.on:
+            return np.ones(())
+        if spec.acts == "lines":
+            lines = (line for rod in self.rods for line in rod.lines if line.drive is not None and line.drive[0] == spec.name)
+            return np.array([float(np.max(getattr(line, spec.on))) for line in lines])
+        of_sections = (np.asarray(getattr(section, spec.on)) for rod in self.rods for section in rod.sections)
+        most = max(float(np.abs(value).max(initial=0.0)) for value in of_sections)
+        return np.asarray(most + self.mass_carried / self.longest * (spec.load == "force"))
 
     @cached_property
     def stiffest(self) -> float:

@@ -29,6 +29,8 @@ class InputSpec:
             on ``"lines"`` of the rods, or not at all, as a ``"sensor"`` reads it.
         load: ``"force"`` or ``"moment"``, which ``load_factor`` multiplies; None for what is no load.
         follows: Of a load: fixed in the frame of where it acts, rather than dead, fixed in the world.
+        on: Of a load: what of rods' sections, or of lines, it is multiplied by, such as ``"linear_density"``; empty of forces and
+            moments themselves.
         potential: Of a load: whether its work derives from a potential. That of a dead moment does not, nor of what follows the
             tip.
         per_rod: One number per rod, shape (..., rod_count); otherwise a vector, shape (..., 3).
@@ -53,6 +55,7 @@ class InputSpec:
     acts: Literal["base", "tip", "along", "lines", "sensor"] = "base"
     load: Literal["force", "moment"] | None = None
     follows: bool = False
+    on: str = ""
     potential: bool = False
 
     def size(self, rod_count: int) -> int:

@@ -60,6 +60,7 @@ class InverseParallelRods(Assembly):
         self.limits = _limits(limits, len(legs))
         self.geometry = robot.geometry
         self.rods = robot.rods
+        self.mass_carried = robot.mass_carried
 
     @property
     def batch_shape(self) -> tuple[int, ...]:

@@ -112,11 +112,11 @@ class Network(Assembly):
         self.fixed_bodies = tuple(body.name for body in self.graph.fixed)
         self._places = [*(body.name for body in self.graph.bodies), *rods]  # that may be the end effector
         self._end_effector = self._place_of_effector(end_effector)
-        count = 3 * len(self.load_places)
+        self.mass_carried = float(self.graph.mass.sum())
         driven = tuple(replace(spec, count=len(own)) for spec in DRIVEN_INPUTS if (own := self.driven_names[spec.name]))
         fixed = tuple(replace(spec, count=3 * len(self.fixed_bodies)) for spec in FIXED_INPUTS) if self.fixed_bodies else ()
         on_rods = (replace(spec, count=3 * len(rods)) for spec in ROD_INPUTS)
-        loads = (*(replace(spec, count=count) for spec in LOAD_INPUTS), *on_rods)
+        loads = (*(replace(spec, count=3 * len(self.load_places)) for spec in LOAD_INPUTS), *on_rods)
         self._specs = InputSpecs((*INPUTS[:2], *driven, *fixed, *loads, *INPUTS[2:], *drive_specs(self.rods)))
 
     def _place_of_effector(self, given: object) -> int:

@@ -114,7 +114,7 @@ class ParallelRods(Assembly):
             mass,
             array("ParallelRods.platform_centre", platform_centre, (3,)),
         )
-        self.rods = self.geometry.rods
+        self.rods, self.mass_carried = self.geometry.rods, mass
         plausibility.of_legs(self.geometry.base, self.geometry.platform, mass, self.rods)
         self._own_rods = [slice(a, b) for a, b in pairwise(self.geometry.first_rod.tolist())]
 

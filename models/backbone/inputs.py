@@ -55,6 +55,7 @@ BACKBONE_INPUTS = (
         unit="m/s^2",
         acts="along",
         load="force",
+        on="linear_density",
         potential=True,
         description="acceleration, world frame; acts on linear_density",
     ),
@@ -63,6 +64,7 @@ BACKBONE_INPUTS = (
         unit="T",
         acts="along",
         load="moment",
+        on="magnetisation",
         potential=True,
         description="uniform magnetic field, world frame; acts on magnetisation",
     ),
@@ -87,6 +89,7 @@ DRIVES: dict[str, dict[str, Any]] = {
     "pressure": {
         "unit": "Pa",
         "load": "force",
+        "on": "area",
         "potential": True,
         "description": "in each chamber, in their order",
     },

@@ -213,10 +213,9 @@ def input_units(robot: Assembly, free: Sequence[str]) -> FloatArray:
     length, stiffness = robot.longest, robot.stiffest
     sizes = []
     for spec in (spec for name in free for spec in robot.input_specs if spec.name == name):
-        unit = {"rad": 1.0, "m": 0.1 * length}.get(spec.unit, 1.0)
-        if spec.load is not None and spec.acts in ("tip", "along") and spec.unit in ("N", "N m", "N/m"):
-            unit = stiffness / length**spec.power
-        elif spec.name == "tension":
-            unit = stiffness / length**2
-        sizes += [unit] * spec.size(robot.rod_count)
-    return np.array(sizes)
+        unit: FloatArray | float = {"rad": 1.0, "m": 0.1 * length}.get(spec.unit, 1.0)
+        if spec.load is not None:
+            borne = robot.borne(spec)
+            unit = np.where(borne > 0, stiffness / length**spec.power / np.where(borne > 0, borne, 1.0), 1.0)
+        sizes.append(np.broadcast_to(unit, spec.size(robot.rod_count)))
+    return np.concatenate(sizes)

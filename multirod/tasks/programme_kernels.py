@@ -69,6 +69,15 @@ def along_limit(limits: wp.array2d[wp.float64], i: int, values: wp.array2d[wp.fl
 
 
 @wp.func
+def row_size(q: Programme, i: int) -> f64:
+    """The largest number of a limit's row."""
+    size = f64(0.0)
+    for j in range(q.limits.shape[1]):
+        size = wp.max(size, wp.abs(q.limits[i, j]))
+    return size
+
+
+@wp.func
 def slack(q: Programme, i: int, t: int) -> f64:
     """What of a limit is rounding."""
     size = f64(0.0)
@@ -76,14 +85,15 @@ def slack(q: Programme, i: int, t: int) -> f64:
         size = wp.abs(q.low[t, i])
     if wp.isfinite(q.high[t, i]):
         size = wp.max(size, wp.abs(q.high[t, i]))
-    return f64(wp.static(ROW_ROUNDING)) * (f64(1.0) + size)
+    return f64(wp.static(ROW_ROUNDING)) * (row_size(q, i) + size)
 
 
 @wp.func(inline=False)
 def keep_limits(q: Programme, t: int):
     """(8) Where ``change`` is beyond limits, the step that is within all: an active set, from ``d = 0`` on.
 
-    Limits are added as they block and left as their multipliers turn; one that depends on those that hold does not block.
+    Limits are added as they block and left as their multipliers turn; one that depends on those that hold does not block. Rows of
+    limits are made as large as those of the task: what is in units of length or force beside what is in 1/m would be rounding.
     """
     m = q.J.shape[1]
     k = q.J.shape[2]
@@ -99,6 +109,10 @@ def keep_limits(q: Programme, t: int):
         return
     for j in range(k):
         q.change[t, j] = f64(0.0)
+    scale = wp.sqrt(q.softness[t])
+    for i in range(m):
+        for j in range(k):
+            scale = wp.max(scale, wp.abs(q.J[t, i, j]))
     for _pass in range(3 * c + 2):
         place_rows(q, q.bound_system, t)
         place_sides(q, q.bound_sides, t)
@@ -106,12 +120,13 @@ def keep_limits(q: Programme, t: int):
             row = k + m + i
             q.bound_sides[t, row, 0] = f64(0.0)
             if q.held[t, i] == 0:
-                q.bound_system[t, row, row] = f64(1.0)
+                q.bound_system[t, row, row] = scale
             else:
-                q.bound_sides[t, row, 0] = wp.where(q.held[t, i] > 0, q.high[t, i], q.low[t, i])
+                by = scale / row_size(q, i)
+                q.bound_sides[t, row, 0] = by * wp.where(q.held[t, i] > 0, q.high[t, i], q.low[t, i])
                 for j in range(k):
-                    q.bound_system[t, row, j] = q.limits[i, j]
-                    q.bound_system[t, j, row] = q.limits[i, j]
+                    q.bound_system[t, row, j] = by * q.limits[i, j]
+                    q.bound_system[t, j, row] = by * q.limits[i, j]
         eliminate(q.bound_system, q.bound_sides, t)
         # as far as no other limit blocks
         part = f64(1.0)
@@ -144,6 +159,8 @@ def keep_limits(q: Programme, t: int):
             worst = int(-1)
             turned = f64(0.0)
             largest = f64(0.0)
+            for i in range(m):
+                largest = wp.max(largest, wp.abs(q.bound_sides[t, k + i, 0]))
             for i in range(c):
                 if q.held[t, i] != 0:
                     multiplier = q.bound_sides[t, k + m + i, 0]
@@ -151,7 +168,7 @@ def keep_limits(q: Programme, t: int):
                     if -f64(q.held[t, i]) * multiplier > turned:
                         turned = -f64(q.held[t, i]) * multiplier
                         worst = i
-            if turned <= f64(wp.static(ROW_ROUNDING)) * (f64(1.0) + largest):
+            if turned <= f64(wp.static(ROW_ROUNDING)) * largest:  # of all multipliers, the task's rows' too
                 return
             q.held[t, worst] = 0
 

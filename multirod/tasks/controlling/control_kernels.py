@@ -159,7 +159,7 @@ def tell(s: Control, t: int):
             for j in range(k):
                 if s.step.limits[i, j] != f64(0.0):
                     s.told[t, wp.static(FREE) + 7 * k + j] = f64(1.0)
-    near = f64(wp.static(ON_TARGET))
+    near = f64(wp.static(ON_TARGET)) * s.weight[1]
     s.told[t, wp.static(ERROR)] = wp.where(first > 0, wp.sqrt(off) / s.weight[0], f64(wp.nan))
     s.told[t, wp.static(ANGLE)] = wp.where(m > first, wp.sqrt(angle) / s.weight[1], f64(wp.nan))
     if held == 0 and short > wp.max(near, f64(wp.static(LEFT_OVER)) * asked):

@@ -11,7 +11,7 @@ from multirod.tasks.watch_kernels import Watched
 f64 = wp.float64
 SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what moves the tip most is damped
 LONGEST = 0.3  # step of a sample, in units (9)
-ON_TARGET = 1e-6  # of a target [1/m], within which a limit does not hold it back
+ON_TARGET = 4e-7  # of a target, in lengths of the longest rod and rad, within which a limit does not hold it back
 LEFT_OVER = 1e-3  # part of what is asked for that a step leaves over where nothing else holds it: the task is singular
 
 

@@ -39,7 +39,7 @@ from multirod.validation import (
     refuse,
 )
 
-TOLERANCE = 1e-6  # of a target [1/m]: 0.16 um and 0.4 urad of 0.4 m
+TOLERANCE = 4e-7  # of a target, in lengths of the longest rod and rad: 0.16 um and 0.4 urad of 0.4 m
 MAX_INTEGRATIONS = 300
 
 
@@ -102,7 +102,7 @@ def reach(
     starts: int = 0,
     guess: Solution | None = None,
     solver: Solver | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float | None = None,
     max_integrations: int = MAX_INTEGRATIONS,
     device: str = "cpu",
     threads: int | None = None,
@@ -125,7 +125,8 @@ def reach(
         starts: How many other starts are scattered within the limits; what is not reached is tried from the nearest of them.
         guess: The equilibrium at ``inputs``, so that it need not be solved for.
         solver: For the start; its integrator is that of the search too. ``Shooting()`` by default.
-        tolerance: Of the target [1/m]: positions count over the length of the longest rod squared, angles over that length.
+        tolerance: Of the target [1/m]: positions count over the length of the longest rod squared, angles over that length. None,
+            the default, is 4e-7 over that length: 4e-7 of it, and 4e-7 rad.
         max_integrations: Allowed for one instance and start.
         device: Warp device.
         threads: That share the parts of a batch; one for each core by default.
@@ -188,7 +189,7 @@ def reach(
         prefer=prefer,
         starts=starts,
         method=method,
-        tolerance=positive_float("tolerance", tolerance),
+        tolerance=TOLERANCE / robot.longest if tolerance is None else positive_float("tolerance", tolerance),
         max_integrations=positive_int("max_integrations", max_integrations),
         device=device,
         batch_shape=shape,
