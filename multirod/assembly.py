@@ -54,11 +54,6 @@ class Assembly(ABC):
         return {"tip_force": slice(0, 3), "tip_moment": slice(0, 3)}
 
     @property
-    def load_arm(self) -> FloatArray:
-        """From the end effector to where these act, in its frame [m], shape (3,)."""
-        return np.zeros(3)
-
-    @property
     def lines(self) -> "list[tuple[int, Line]]":
         """Lines of all rods in their order, each with the index of its rod."""
         return [(k, line) for k, rod in enumerate(self.rods) for line in rod.lines]

@@ -424,7 +424,7 @@ def assert_answers_the_same(one, other, jacobian="tip_force"):
 def test_a_network_is_read_back_complete(tmp_path):
     """A motion and a part of it, by the same bits; inputs by names too; and the robot solves as before."""
     robot = network()
-    force = np.zeros((3, 3, 3))
+    force = np.zeros((3, len(robot.load_places), 3))
     force[:, 0, 0] = 0.01, 0.02, 0.03
     given = {"rotation": {"left": 0.1}, "gravity": (0, 0, -9.81)}
     time = 0.1 * np.arange(3)

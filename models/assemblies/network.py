@@ -36,7 +36,7 @@ from multirod.models.network.derivatives.designs import PARAMETERS, columns_of, 
 from multirod.models.network.elements.groups import ON_RODS, along
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import Graph
-from multirod.models.network.joining.bodies import Body, name_of
+from multirod.models.network.joining.bodies import Body, name_of, place_of
 from multirod.models.network.joining.checks import holes_by_rod, joints_by_end
 from multirod.models.network.joining.joints import Joint
 from multirod.models.network.places import DRIVEN, FIXED, LOADED, PER_ROD
@@ -68,7 +68,8 @@ class Network(Assembly):
     Attributes:
         bodies: As given.
         joints: As given.
-        load_places: Names of what ``force`` and ``moment`` act on: the bodies that move, then the rods whose tips are free.
+        load_places: Names of what ``force`` and ``moment`` act on: the bodies that move, then the rods whose tips are free, then
+            the frames of these bodies, ``"tool of top"``.
         fixed_bodies: Names of those that are fixed, in the order of ``fixed_position``.
 
     Raises:
@@ -109,6 +110,9 @@ class Network(Assembly):
         refuse_unheld(self.graph)
         refuse_mechanism(self.graph)
         self.load_places = self.graph.load_places
+        for frame in self.graph.frames:
+            if [*names, *self.load_places].count(place_of(*frame)) > 1:
+                refuse("Body.frames", frame, "must not be called as a rod, a body or another frame is, where forces act")
         self.fixed_bodies = tuple(body.name for body in self.graph.fixed)
         self._places = [*(body.name for body in self.graph.bodies), *rods]  # that may be the end effector
         self._end_effector = self._place_of_effector(end_effector)
@@ -147,7 +151,8 @@ class Network(Assembly):
     @property
     def effector_name(self) -> str:
         """The same in words."""
-        return f"{self._frame} of {self._places[self._end_effector]}" if self._frame else self._places[self._end_effector]
+        name = self._places[self._end_effector]
+        return place_of(name, self._frame) if self._frame else name
 
     @property
     def effector_frame(self) -> FloatArray:
@@ -197,13 +202,12 @@ class Network(Assembly):
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
         ``rotation`` and ``translation`` are also taken by names of rods, ``{"leg 0": 0.1}``, of tubes a number each, and so is
-        what drives lines, ``tension={"arm": (1, 0)}``; ``force`` and ``moment``, dead or following, by those of ``load_places``,
-        ``{"plate": (0, 0, -2)}``; as arrays these have the shape (..., place_count, 3), and what acts along single rods,
-        ``rod_force={"leg 0": (0.1, 0, 0)}``, (..., count of rods as given, 3). Where joints are driven, ``angle`` is
-        taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or three each, and so is ``slide``, one
-        number each; where bodies are fixed,
-        ``fixed_position={"hand": (0, 0, 0.1)}`` by those of ``fixed_bodies``. What is not named is zero. A leading axis makes a
-        batch, an instance for each entry.
+        what drives lines, ``tension={"arm": (1, 0)}``; ``force`` and ``moment``, dead or following, by those of
+        ``load_places``, ``{"plate": (0, 0, -2), ("top", "tool"): (1, 0, 0)}``; as arrays these have the shape (...,
+        place_count, 3), and what acts along single rods, ``rod_force={"leg 0": (0.1, 0, 0)}``, (..., count of rods as given,
+        3). Where joints are driven, ``angle`` is taken by those of ``driven_joints``, ``{"arm base": 0.3}``: one number, two or
+        three each, and so is ``slide``, one number each; where bodies are fixed, ``fixed_position={"hand": (0, 0, 0.1)}`` by
+        those of ``fixed_bodies``. What is not named is zero. A leading axis makes a batch, an instance for each entry.
 
         Args:
             **values: Those of ``NetworkInputs``.
@@ -224,10 +228,9 @@ class Network(Assembly):
 
     @property
     def end_loads(self) -> dict[str, slice]:  # noqa: D102
-        name = self._places[self._end_effector]
-        if name not in self.load_places:  # a tip that something holds
+        if self.effector_name not in self.load_places:  # a tip that something holds
             return {}
-        first = 3 * self.load_places.index(name)
+        first = 3 * self.load_places.index(self.effector_name)
         return dict.fromkeys(LOADED, slice(first, first + 3))
 
     def make_inputs(self, values: Mapping[str, Any]) -> Inputs:  # noqa: D102
@@ -332,10 +335,6 @@ class Network(Assembly):
         result.base = pose("Network.base", base)
         result.graph = Graph(own.whole, own.whole_names, self.bodies, own.joints, result.base, own.holes, self.joints)
         return result
-
-    @property
-    def load_arm(self) -> FloatArray:  # noqa: D102
-        return -self.effector_frame[:3, :3].T @ self.effector_frame[:3, 3]
 
     def frame_of(self, body: Body | str | tuple[Body | str, str]) -> tuple[int, FloatArray]:
         """Number of a body, as of ``body_index``, and the pose of one of its frames in its own, shape (4, 4).

@@ -8,6 +8,7 @@ import numpy as np
 
 from multirod.inputs import InputSpec
 from multirod.models.network.elements.groups import ON_RODS
+from multirod.models.network.joining.bodies import place_of
 from multirod.models.network.places import FIXED, FOLLOWING, LOADED
 from multirod.models.platform.inputs import LEG_INPUTS
 from multirod.validation import FloatArray, array, meant, refuse
@@ -20,7 +21,7 @@ LOAD_INPUTS = (
         acts="tip",
         load="force",
         potential=True,
-        description="dead force on each body, at its origin, and on each tip that nothing holds, world frame",
+        description="dead force on each body, at its origin, on each free tip and on each frame of a body, world frame",
     ),
     InputSpec(name="moment", unit="N m", acts="tip", load="moment", description="dead moment on the same, world frame"),
     InputSpec(
@@ -29,7 +30,7 @@ LOAD_INPUTS = (
         acts="tip",
         load="force",
         follows=True,
-        description="force on each body, at its origin, and on each tip that nothing holds, fixed in its frame",
+        description="force on each body, at its origin, on each free tip and on each frame of a body, fixed in its frame",
     ),
     InputSpec(
         name="follower_moment",
@@ -94,7 +95,9 @@ def in_order(name: str, value: object, sizes: Mapping[str, int]) -> object:
 def by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> FloatArray:
     """The same of values by name, as many numbers each as ``sizes`` says, which are in order; zero what is not named."""
     parts: dict[str, FloatArray] = {place: np.zeros(size) for place, size in sizes.items()}
-    for key, part in value.items():
+    for given, part in value.items():
+        framed = isinstance(given, tuple) and len(given) == 2 and name in ON_PLACES
+        key = place_of(*given) if framed else given
         if key not in sizes:
             hint = meant(key, sizes) if isinstance(key, str) else ""
             refuse(name, key, f"must be by name, one of {', '.join(map(repr, sizes))}{hint}")

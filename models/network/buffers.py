@@ -63,6 +63,9 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     places = np.full(rods, -1)
     places[graph.free] = bodies + np.arange(len(graph.free))
     own.load_place = array(places, wp.int32)
+    own.frame_count, own.first_frame, poses = len(graph.framed), bodies + len(graph.free), graph.frame_poses
+    own.frame_body = array(graph.framed, wp.int32)
+    own.frame_position, own.frame_rotation = array(poses[:, :3, 3], wp.vec3d), array(poses[:, :3, :3], wp.mat33d)
     own.length, own.stiffness = array(problem.length), array(problem.stiffness)
     slides = graph.slides
     own.owner, own.pieces = array(graph.first_tube[slides.owner], wp.int32), array(slides.pieces, wp.int32)

@@ -14,7 +14,7 @@ from multirod.models.backbone.kernels.layout.members import drive_slices
 from multirod.models.backbone.kernels.layout.members import drives as drive_names
 from multirod.models.network.elements.elements import Layout
 from multirod.models.network.elements.entries import Entries
-from multirod.models.network.joining.bodies import Body, Ground
+from multirod.models.network.joining.bodies import Body, Ground, place_of
 from multirod.models.network.joining.joints import MOST, Joint, JointTable
 from multirod.models.network.joining.placing import Placing, placed
 from multirod.models.network.joining.sliding import Slides, piece
@@ -169,8 +169,24 @@ class Graph:
 
     @property
     def load_places(self) -> tuple[str, ...]:
-        """Names of what forces act on: the bodies, then the rods whose tips nothing holds."""
-        return (*(body.name for body in self.bodies), *(self.whole_names[self.slides.owner[k]] for k in self.free))
+        """Names of what forces act on: the bodies, then the rods whose tips nothing holds, then frames of the bodies."""
+        tips = (self.whole_names[self.slides.owner[k]] for k in self.free)
+        return (*(body.name for body in self.bodies), *tips, *(place_of(*frame) for frame in self.frames))
+
+    @property
+    def frames(self) -> tuple[tuple[str, str], ...]:
+        """Of each frame of a body that moves the names of body and frame, in the order of ``load_places``."""
+        return tuple((body.name, frame) for body in self.bodies for frame in body.frames)
+
+    @cached_property
+    def framed(self) -> NDArray[np.intp]:
+        """The number of the body of each of these, shape (frame_count,)."""
+        return np.repeat(np.arange(len(self.bodies)), [len(body.frames) for body in self.bodies])
+
+    @cached_property
+    def frame_poses(self) -> FloatArray:
+        """Their poses in the frames of the bodies, shape (frame_count, 4, 4)."""
+        return np.array([pose for body in self.bodies for pose in body.frames.values()]).reshape(-1, 4, 4)
 
     @property
     def is_driven(self) -> bool:

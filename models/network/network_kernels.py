@@ -54,11 +54,26 @@ def stand(net: Networks):
         # (28)
         pushes = rotation * (level * vector(net.problem.inputs, b, net.follower_force_at + 3 * k))
         twists = rotation * (level * vector(net.problem.inputs, b, net.follower_moment_at + 3 * k))
-        push = pull * (inward * (level * vector(net.problem.inputs, b, net.force_at + 3 * k) + weight + pushes))
-        moment = level * vector(net.problem.inputs, b, net.moment_at + 3 * k) + wp.cross(centre, weight) + twists
-        moment = twist * (inward * moment)
+        force = level * vector(net.problem.inputs, b, net.force_at + 3 * k) + weight
+        moment = level * vector(net.problem.inputs, b, net.moment_at + 3 * k) + wp.cross(centre, weight)
+        levers = wp.skew(weight) * wp.skew(centre)
+        for f in range(net.frame_count):  # (39)
+            if net.frame_body[f] == k:
+                arm = rotation * net.frame_position[f]
+                held = rotation * net.frame_rotation[f]
+                place = 3 * (net.first_frame + f)
+                given = level * vector(net.problem.inputs, b, net.force_at + place)
+                following = held * (level * vector(net.problem.inputs, b, net.follower_force_at + place))
+                force += given
+                moment += level * vector(net.problem.inputs, b, net.moment_at + place) + wp.cross(arm, given)
+                levers += wp.skew(given) * wp.skew(arm)
+                pushes += following
+                twists += held * (level * vector(net.problem.inputs, b, net.follower_moment_at + place))
+                twists += wp.cross(arm, following)
+        push = pull * (inward * (force + pushes))
+        moment = twist * (inward * (moment + twists))
         push_by_turn = -pull * (inward * (wp.skew(pushes) * turns))
-        by_turn = twist * (inward * ((wp.skew(weight) * wp.skew(centre) - wp.skew(twists)) * turns))
+        by_turn = twist * (inward * ((levers - wp.skew(twists)) * turns))
         at = wp.static(POSE) * k
         for i in range(3):
             net.load[b, at + i] = push[i]
@@ -68,10 +83,21 @@ def stand(net: Networks):
                 net.load_turns[b, k, 3 + i, j] = by_turn[i, j]
         for d in range(net.direction_count):
             heave = mass * along(net.problem.directions, b, d, net.along_at + 6)
-            pushes = rotation * along(net.problem.directions, b, d, net.follower_force_at + 3 * k)
-            push = pull * (inward * (along(net.problem.directions, b, d, net.force_at + 3 * k) + heave + pushes))
+            force = along(net.problem.directions, b, d, net.force_at + 3 * k) + heave
+            force += rotation * along(net.problem.directions, b, d, net.follower_force_at + 3 * k)
             moment = along(net.problem.directions, b, d, net.moment_at + 3 * k) + wp.cross(centre, heave)
             moment += rotation * along(net.problem.directions, b, d, net.follower_moment_at + 3 * k)
+            for f in range(net.frame_count):
+                if net.frame_body[f] == k:
+                    place = 3 * (net.first_frame + f)
+                    held = rotation * net.frame_rotation[f]
+                    given = along(net.problem.directions, b, d, net.force_at + place)
+                    given += held * along(net.problem.directions, b, d, net.follower_force_at + place)
+                    force += given
+                    moment += along(net.problem.directions, b, d, net.moment_at + place)
+                    moment += held * along(net.problem.directions, b, d, net.follower_moment_at + place)
+                    moment += wp.cross(rotation * net.frame_position[f], given)
+            push = pull * (inward * force)
             moment = twist * (inward * moment)
             for i in range(3):
                 net.load_directions[b, at + i, d] = push[i]

@@ -383,7 +383,7 @@ class NetworkProblem(BoundaryProblem):
         own = [group.backbones.load_scale().reshape(self.instance_count, -1).max(axis=1) for group in self.groups]
         total = np.sum(own, axis=0)
         inputs, L, EI = self.read("inputs"), self.length, self.stiffness
-        rods = [*range(self.rod_count, self.rod_count + self.body_count), *self.graph.free]  # scales of what loads act on
+        rods = [*range(self.rod_count, self.rod_count + self.body_count), *self.graph.free, *(self.rod_count + self.graph.framed)]
         for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
             size = np.linalg.norm(inputs[:, self.input_slice(name)].reshape(self.instance_count, -1, 3), axis=2)
             total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)

@@ -130,8 +130,12 @@ def place_of(solution: Solution, robot: Network, place: int, *, nodes: int | Non
     name = robot.load_places[place]
     if name == robot.end_effector:
         return solution.tip_position, solution.tip_rotation
-    if place < len(robot.bodies):
+    graph = robot.graph
+    if place < len(graph.bodies):
         return solution.body_position(name), solution.body_rotation(name)
+    frame = place - len(graph.bodies) - len(graph.free)
+    if frame >= 0:
+        return solution.body_position(graph.frames[frame]), solution.body_rotation(graph.frames[frame])
     shapes = [solution.rod(k, nodes=nodes) for k in robot.tubes_of(name)]
     end = np.stack([shape.arclength[..., -1] for shape in shapes], axis=-1).argmax(axis=-1)
     position = np.stack([shape.position[..., -1, :] for shape in shapes], axis=-2)

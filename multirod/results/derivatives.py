@@ -277,7 +277,7 @@ def stiffness(solution: "Solution[Any]") -> FloatArray:
     parts = [np.arange(assembly.column_count(name))[own] for name, own in loads.items()]
     columns = np.concatenate([parts[0], assembly.column_count(next(iter(loads))) + parts[1]])
     compliance = np.array(jacobian(solution, tuple(loads), "pose", None, None)[..., columns])
-    arm = solution.inputs.force_point if "force_point" in names else assembly.load_arm
+    arm = solution.inputs.force_point if "force_point" in names else np.zeros(3)
     if np.any(arm):
         arm = (solution.tip_rotation @ arm[..., None])[..., 0]
         compliance[..., :3] -= compliance[..., 3:] @ cross_matrix(arm)

@@ -85,6 +85,11 @@ class Networks:
     reference_rotation: wp.array2d[wp.mat33d]
     mass: wp.array[wp.float64]
     mass_centre: wp.array[wp.vec3d]
+    frame_count: int  # frames of bodies, on which loads may act
+    first_frame: int  # among load places
+    frame_body: wp.array[int]  # (frame,): whose
+    frame_position: wp.array[wp.vec3d]  # in its frame
+    frame_rotation: wp.array[wp.mat33d]
     ground_rotation: wp.array[wp.mat33d]
     fixed_position: wp.array2d[wp.vec3d]  # (instance, body that is held): before it is moved
     fixed_rotation: wp.array2d[wp.mat33d]

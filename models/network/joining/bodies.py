@@ -107,6 +107,11 @@ def name_of(field: str, value: object) -> str:
     return value
 
 
+def place_of(body: str, frame: str) -> str:
+    """What a frame of a body is called among what forces act on."""
+    return f"{frame} of {body}"
+
+
 def frame_name(value: object) -> str:
     """A name of a frame."""
     if not isinstance(value, str) or not value:
