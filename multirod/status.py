@@ -51,6 +51,7 @@ class Status(Code):
     UNDETERMINED = 29
     LINES_TOO_SHORT = 30
     LOOSE = 31
+    UNOBSERVABLE = 32
 
     @property
     def failed(self) -> bool:
@@ -176,6 +177,8 @@ _MESSAGES = {
     "axial_stiffness, or hold what they carry by fewer of them (by three, where they stand side by side)",
     Status.LOOSE: "the network is loose, a mechanism: where it stands, bodies move though no rod is bent, and what acts does not "
     "hold them; clamp a joint, turn an axis so that not all are parallel, or give joints a stiffness",
+    Status.UNOBSERVABLE: "fewer numbers were measured of this instance than are unknown without a prior: give these a Prior, or "
+    "measure more",
     Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or "
     "strongly loaded that its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }

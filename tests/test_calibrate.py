@@ -162,3 +162,77 @@ def test_one_rod_of_several_is_fitted_by_priors(make_pose):
     alone = {"bending_stiffness": mr.Prior(sigma=[1e-9, np.inf, 1e-9])}
     fit = mr.calibrate(robot, robot.inputs(**pulls), parameters=alone, measured=seen).raise_if_failed()
     np.testing.assert_allclose(fit.value("bending_stiffness"), (1, 1.2, 1), atol=1e-4)
+
+
+def tubes(bending=1.0, torsion=1.0, curvature=1.0):
+    """Two tubes that are curved at their ends, their numbers so many times as large."""
+    made = []
+    for length, EI, GJ, curved in ((0.4, 4e-3, 3e-3, 14), (0.3, 2e-2, 1.6e-2, 6)):
+        at_rest = [(length - 0.1, (0, 0, 0)), (0.1, (0, curvature * curved, 0))]
+        made.append(mr.Rod(length=length, bending_stiffness=bending * EI, torsional_stiffness=torsion * GJ, precurvature=at_rest))
+    return mr.ConcentricTubes(made)
+
+
+@pytest.fixture(scope="module")
+def pulls():
+    random = np.random.default_rng(7)
+    return {"rotation": (0.5, 0), "translation": (-0.16, -0.12), "tip_force": 0.15 * random.normal(size=(6, 3))}
+
+
+def test_one_factor_of_all_rods(pulls):
+    """A modulus that all tubes share, beside a curvature that all lost a part of; told of by fewer numbers, better known."""
+    robot, real = tubes(), tubes(1.2, 1.2, 0.9)
+    tips = mr.solve(real, real.inputs(**pulls))
+    seen = mr.Pose(position=tips.tip_position, rotation=tips.tip_rotation, sigma=(POSITION, ANGLE))
+    modulus, inputs = ("bending_stiffness", "torsional_stiffness"), robot.inputs(**pulls)
+    fit = mr.calibrate(robot, inputs, parameters=[modulus, ("precurvature",)], measured=seen).raise_if_failed()
+    np.testing.assert_allclose(fit.value(modulus), 1.2, atol=1e-5)
+    np.testing.assert_allclose(fit.value(("precurvature",)), 0.9, atol=1e-5)
+    np.testing.assert_allclose(fit.robot.rods[1].sections[1].precurvature, (0, 5.4, 0), atol=1e-4)
+    np.testing.assert_allclose(fit.robot.rods[0].sections[0].bending_stiffness, 1.2 * 4e-3, rtol=1e-5)
+    assert "all rods: bending_stiffness and torsional_stiffness, over what they were" in repr(fit)
+    apart = mr.calibrate(robot, inputs, parameters={"bending_stiffness": mr.Prior(sigma=0.5)}, measured=seen)
+    assert fit.sigma(modulus)[0] < apart.sigma("bending_stiffness").min()
+
+
+def test_columns_of_a_factor_are_differences(pulls):
+    """(13) Of the tip, by a factor that stiffnesses share and one of the precurvature."""
+    from multirod.tasks.estimating.parameters import Parameters
+
+    begin, names = tubes(), ("bending_stiffness", "torsional_stiffness")
+    numbers = Parameters(begin, {names: mr.Prior(), ("precurvature",): mr.Prior()})
+    p, h = np.array([0.1, -0.2]), 1e-4
+    inputs = begin.inputs(**{**pulls, "tip_force": pulls["tip_force"][0]})
+    solver = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-10, atol=1e-11))
+    there = mr.solve(numbers.robot(p), inputs, solver=solver)
+    columns = there.jacobian(*numbers.names)[:3] @ numbers.columns(there.assembly, p)
+    for k in range(2):
+        ends = [mr.solve(numbers.robot(p + sign * h * np.eye(2)[k]), inputs, solver=solver).tip_position for sign in (1, -1)]
+        np.testing.assert_allclose(columns[:, k], (ends[0] - ends[1]) / (2 * h), atol=1e-7)  # h squared
+
+
+def test_a_misfit_that_sensors_do_not_explain_is_said(wire, shapes):
+    """(18) Of a sensor that is worse than it says, and of a model that lacks a curvature."""
+    robot, inputs = mr.SingleRod(wire), mr.SingleRod(wire).inputs(tip_force=shapes[0])
+    fit = mr.calibrate(robot, inputs, parameters=FITTED, measured=poses(shapes))
+    assert fit.consistent
+    assert "inconsistent" not in repr(fit)
+    sharp = mr.Pose(position=shapes[1], rotation=shapes[2], sigma=(POSITION / 2, ANGLE / 2))
+    for parameters, measured in ((FITTED, sharp), (FITTED[:2], poses(shapes))):
+        wrong = mr.calibrate(robot, inputs, parameters=parameters, measured=measured).raise_if_failed()
+        assert not wrong.consistent
+        assert "inconsistent: the misfit is" in repr(wrong)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ([("bending_stiffness", "base")], "which may share a factor"),
+        ([("bending_stiffness", "torsional_stiffness"), "bending_stiffness"], "must name each once"),
+        ([()], "must name parameters that share a factor"),
+    ],
+)
+def test_factors_that_are_refused(wire, shapes, parameters, message):
+    robot = mr.SingleRod(wire)
+    with pytest.raises(ValueError, match=message):
+        mr.calibrate(robot, robot.inputs(tip_force=shapes[0]), parameters=parameters, measured=poses(shapes))

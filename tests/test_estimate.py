@@ -334,3 +334,18 @@ def test_numbers_that_were_not_measured_do_not_count(robot):
     seen = mr.Pose(position=(0.05, np.nan, np.nan), sigma=1e-4)
     with pytest.raises(ValueError, match="3 numbers without a prior .* must be at most as many as are measured, 1"):
         mr.estimate(robot, unknown={"tip_force": mr.Prior()}, measured=seen)
+
+
+def test_of_a_batch_what_is_measured_too_little_says_so(robot, trials):
+    """And leaves the others bitwise as they are without it."""
+    position = np.array(trials[1][:3])
+    seen = mr.Pose(position=position, sigma=1e-4)
+    whole = mr.estimate(robot, unknown={"tip_force": mr.Prior()}, measured=seen)
+    position[1, 0] = np.nan
+    lost = mr.estimate(robot, unknown={"tip_force": mr.Prior()}, measured=mr.Pose(position=position, sigma=1e-4))
+    assert lost.status.tolist() == [mr.Status.CONVERGED, mr.Status.UNOBSERVABLE, mr.Status.CONVERGED]
+    for values in (lost.value("tip_force"), lost.covariance("tip_force"), lost.solution.tip_position):
+        assert np.isnan(values[1]).all()
+    np.testing.assert_array_equal(lost.value("tip_force")[[0, 2]], whole.value("tip_force")[[0, 2]])
+    known = mr.estimate(robot, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=mr.Pose(position=position, sigma=1e-4))
+    assert (known.status == mr.Status.CONVERGED).all()

@@ -132,3 +132,10 @@ def test_bad_values_are_refused():
     poses = np.tile(np.eye(4), (2, 1, 1))
     with pytest.raises(ValueError, match=r"legs\[0\] = .* is not allowed: must have no foundation"):
         mr.ParallelRods(legs=[rod(), rod()], base=poses, platform=poses)
+
+
+def test_wires_and_tubes_take_it_like_rods():
+    made = mr.Rod.wire(length=0.2, diameter=1e-3, young_modulus=60e9, shear_modulus=23e9, foundation=(10, 20, 30))
+    np.testing.assert_array_equal(made.sections[0].foundation, (10, 20, 30))
+    tube = mr.Rod.tube(length=0.2, outer_diameter=1e-3, inner_diameter=5e-4, young_modulus=60e9, poisson_ratio=0.3, foundation=10)
+    np.testing.assert_array_equal(tube.sections[0].foundation, (10, 10, 10))

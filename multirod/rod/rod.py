@@ -150,9 +150,11 @@ class Rod:
         precurvature: Precurvature | None = None,
         density: float = 0.0,
         magnetisation: Numbers | None = None,
+        foundation: Numbers | None = None,
         members: Sequence["Member"] = (),
         lines: Sequence["Line"] = (),
         discs: float | None = None,
+        loads: Sequence["Load"] = (),
         name: str = "",
     ) -> "Rod":
         """A round tube: ``EI``, ``GJ`` and mass from its cross-section, and ``EA`` and ``GA`` where it is to stretch.
@@ -172,9 +174,11 @@ class Rod:
             density: Mass per volume [kg/m^3].
             magnetisation: Magnetic moment per volume in the material frame [A/m], three numbers; ``Rod`` itself takes it per
                 length.
+            foundation: As for ``Rod``, per length of the rod.
             members: As for ``Rod``.
             lines: As for ``Rod``.
             discs: As for ``Rod``.
+            loads: As for ``Rod``.
             name: As for ``Rod``.
 
         Raises:
@@ -222,9 +226,11 @@ class Rod:
             magnetisation=None if magnetisation is None else float(A) * magnetisation,
             outer_diameter=outer,
             inner_diameter=inner,
+            foundation=foundation,
             members=members,
             lines=lines,
             discs=discs,
+            loads=loads,
             name=name,
         )
         return rod
@@ -242,9 +248,11 @@ class Rod:
         precurvature: Precurvature | None = None,
         density: float = 0.0,
         magnetisation: Numbers | None = None,
+        foundation: Numbers | None = None,
         members: Sequence["Member"] = (),
         lines: Sequence["Line"] = (),
         discs: float | None = None,
+        loads: Sequence["Load"] = (),
         name: str = "",
     ) -> "Rod":
         """A solid round wire: ``EI``, ``GJ`` and mass from its cross-section, and ``EA`` and ``GA`` where it is to stretch.
@@ -259,9 +267,11 @@ class Rod:
             precurvature: As for ``Rod``.
             density: Mass per volume [kg/m^3].
             magnetisation: As for ``Rod.tube``, per volume [A/m].
+            foundation: As for ``Rod``, per length of the rod.
             members: As for ``Rod``.
             lines: As for ``Rod``.
             discs: As for ``Rod``.
+            loads: As for ``Rod``.
             name: As for ``Rod``.
 
         Raises:
@@ -281,9 +291,11 @@ class Rod:
             precurvature=precurvature,
             density=density,
             magnetisation=magnetisation,
+            foundation=foundation,
             members=members,
             lines=lines,
             discs=discs,
+            loads=loads,
             name=name,
         )
 

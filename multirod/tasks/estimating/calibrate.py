@@ -12,15 +12,15 @@ from multirod.results.solution import Solution, SolveError
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Solver
 from multirod.status import Status
-from multirod.tasks.estimating.estimate import SEEN
+from multirod.tasks.estimating.estimate import SEEN, inconsistent
 from multirod.tasks.estimating.fit import Fit
-from multirod.tasks.estimating.inference import kept
-from multirod.tasks.estimating.parameters import PARAMETERS, Parameters
+from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square
+from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, choice, device_name, frozen, instance, meant, positive_int, refuse, shown
+from multirod.validation import Described, FloatArray, device_name, frozen, instance, meant, positive_int, refuse, shown
 
 HARDLY_SEEN = 1.0  # deviation, of stiffnesses over what they were, of precurvatures in 1/m: a step there is a leap
 
@@ -34,12 +34,13 @@ class Calibration(Generic[Robot_co]):
     ``bending_stiffness``, ``torsional_stiffness``  of each rod, over what it was: all its sections and axes alike
     ``precurvature``                                of each rod, each section that is curved at rest: three components [1/m]
     ``base``                                        how far it is moved [m], then turned about itself [rad], in the world
+    a tuple of the first three                      one factor that all of these share, of all rods, over what they were
     ==============================================  ==============================================================================
 
     Attributes:
         robot: The fitted one, as it was where the fit failed.
         solution: Its equilibria at the inputs.
-        parameters: Names, in their order.
+        parameters: Names, or tuples of those that share a factor, in their order.
         labels: What each number is, of all parameters one after another.
         status: Why it ended: ``CONVERGED``, or why it failed.
         iterations: Steps taken.
@@ -70,21 +71,26 @@ class Calibration(Generic[Robot_co]):
         """Whether there is no result."""
         return self.status.failed
 
-    def value(self, name: str) -> FloatArray:
+    @property
+    def consistent(self) -> bool:
+        """(18) Whether ``misfit`` is no more than 99.9 % of sound measurements leave where the model is right."""
+        return bool(self.misfit <= largest_square(np.asarray(self.degrees), CONSISTENT))
+
+    def value(self, name: Key) -> FloatArray:
         """The numbers of a parameter, shape (k,): of stiffnesses over what they were."""
         return np.asarray(frozen(self._values[self._place(name)]))
 
-    def covariance(self, name: str | None = None) -> FloatArray:
+    def covariance(self, name: Key | None = None) -> FloatArray:
         """(6) Theirs, shape (k, k); without a name, of all; infinite, and NaN beside, where nothing determines a number."""
         place = slice(None) if name is None else self._place(name)
         return np.asarray(frozen(self._covariance[place, place]))
 
-    def sigma(self, name: str) -> FloatArray:
+    def sigma(self, name: Key) -> FloatArray:
         """Standard deviations, shape (k,)."""
         return np.asarray(frozen(np.sqrt(np.diagonal(self.covariance(name)))))
 
     @property
-    def observable(self) -> dict[str, NDArray[np.bool_]]:
+    def observable(self) -> dict[Key, NDArray[np.bool_]]:
         """Whether the measurements say more of each number than its prior does, (k,) by name."""
         part = kept(self._covariance, self._prior)
         return {name: np.asarray(frozen(part[place] <= SEEN)) for name, place in self._places.items()}
@@ -106,8 +112,10 @@ class Calibration(Generic[Robot_co]):
             return self.status.message
         return f"the measurements say next to nothing of {', '.join(self._hardly_seen)}: give these a Prior, or measure more"
 
-    def _place(self, name: str) -> slice:
-        return self._places[choice("name", name, self._places)]
+    def _place(self, name: Key) -> slice:
+        if name not in self._places:
+            refuse("name", name, f"must be one of {', '.join(map(repr, self._places))}")
+        return self._places[name]
 
     def __repr__(self) -> str:
         if self.failed:
@@ -120,14 +128,15 @@ class Calibration(Generic[Robot_co]):
             for label, value, spread, own in zip(self.labels, self._values, sigma, seen, strict=True)
         ]
         head = f"Calibration({self.status.name}, misfit {self.misfit:.4g} of {self.degrees})"
-        return "\n".join([head, *lines])
+        doubt = [] if self.consistent else [f"  {inconsistent(self.misfit, self.degrees)}"]
+        return "\n".join([head, *lines, *doubt])
 
 
 def calibrate(
     robot: Robot,
     inputs: Inputs | None = None,
     *,
-    parameters: str | Sequence[str] | Mapping[str, Prior],
+    parameters: str | Sequence[Key] | Mapping[Key, Prior],
     measured: Sensor | Sequence[Sensor],
     solver: Solver | None = None,
     guess: Solution | Numbers | None = None,
@@ -143,7 +152,8 @@ def calibrate(
         inputs: Of each shape, made by ``robot.inputs(...)``: their leading axes count the shapes.
         parameters: One of ``bending_stiffness``, ``torsional_stiffness``, ``precurvature``, ``base`` or several (``Calibration``
             says what their numbers are), or with a ``Prior`` for each: its mean is what the robot has, and of stiffnesses its
-            ``sigma`` is relative.
+            ``sigma`` is relative. Those in a tuple share one factor, of all rods: ``[("bending_stiffness",
+            "torsional_stiffness"), "precurvature"]`` fits a common modulus.
         measured: ``Pose``, ``Curvature``, or several, each with ``sigma``; leading axes as those of ``inputs``.
         solver: That finds the equilibria of the robot as it is; its integrator and tolerance are used.
         guess: Where these begin.
@@ -184,11 +194,12 @@ def calibrate(
     return Calibration(numbers, fit)
 
 
-def _checked(robot: Assembly, parameters: object) -> dict[str, Prior]:
-    """Priors by the names of parameters."""
-    names = (parameters,) if isinstance(parameters, str) else parameters
-    if not isinstance(names, (list, tuple, Mapping)) or not names:
+def _checked(robot: Assembly, parameters: object) -> dict[Key, Prior]:
+    """Priors by parameters, or by tuples of those that share a factor."""
+    keys = (parameters,) if isinstance(parameters, str) else parameters
+    if not isinstance(keys, (list, tuple, Mapping)) or not keys:
         raise TypeError(f"parameters = {shown(parameters)} is not allowed: must be one of {', '.join(PARAMETERS)}, or several")
+    names = [name for key in keys for name in (key if isinstance(key, tuple) else (key,))]
     for name in names:
         if not isinstance(name, str) or name not in PARAMETERS:
             hint = meant(name, PARAMETERS) if isinstance(name, str) else ""
@@ -197,12 +208,20 @@ def _checked(robot: Assembly, parameters: object) -> dict[str, Prior]:
             raise NotImplementedError(f"calibrate() by base is for robots that have one: {type(robot).__name__} has not")
         if name not in robot.parameters:
             raise NotImplementedError(f"{type(robot).__name__} does not give derivatives by {name}")
-    if not isinstance(names, Mapping):
-        return {name: Prior() for name in names}
-    for name, prior in names.items():
-        instance(f"parameters[{name!r}]", prior, Prior, "a Prior")
+    if len(set(names)) < len(names):
+        refuse("parameters", names, "must name each once")
+    for key in keys:
+        if isinstance(key, tuple) and not set(key) <= set(SCALED):
+            refuse("parameters", key, f"must be of {', '.join(SCALED)}, which may share a factor")
+        if key == ():
+            refuse("parameters", key, "must name parameters that share a factor")
+    if not isinstance(keys, Mapping):
+        return {key: Prior() for key in keys}
+    for key, prior in keys.items():
+        field = f"parameters[{key!r}]"
+        instance(field, prior, Prior, "a Prior")
         if prior.mean is not None:
-            refuse(f"parameters[{name!r}].mean", prior.mean.tolist(), "must not be given: it is what the robot has")
+            refuse(f"{field}.mean", prior.mean.tolist(), "must not be given: it is what the robot has")
         if prior.batch_shape:
-            refuse(f"parameters[{name!r}]", Described(f"leading axes {prior.batch_shape}"), "must have none: all shapes share it")
-    return dict(names)
+            refuse(field, Described(f"leading axes {prior.batch_shape}"), "must have none: all shapes share it")
+    return dict(keys)

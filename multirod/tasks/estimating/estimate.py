@@ -19,7 +19,7 @@ from multirod.running.simulation import as_solver
 from multirod.solver import Outcome, Solver
 from multirod.status import failures
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.inference import kept, principal
+from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square, principal
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.formulation import freed, places_of, with_values
@@ -156,6 +156,11 @@ class Estimate(Generic[Robot_co]):
         return {name: np.asarray(frozen(self.kept(name) <= SEEN)) for name in self.unknown}
 
     @cached_property
+    def consistent(self) -> NDArray[np.bool_]:
+        """(18) Whether ``misfit`` is no more than 99.9 % of sound measurements leave where the model is right, shape (...)."""
+        return np.asarray(frozen(self.misfit <= largest_square(self.degrees, CONSISTENT)))
+
+    @cached_property
     def at_limit(self) -> NDArray[np.bool_]:
         """Which of the unknown numbers, in the order of ``unknown``, stand at a limit of the robot, such as a tension of 0, shape
         (..., k)."""
@@ -174,6 +179,7 @@ class Estimate(Generic[Robot_co]):
         labels = freed_labels(self.unknown, [self.value(name).shape[-1] for name in self.unknown])
         held = [label for label, own in zip(labels, self.at_limit.tolist(), strict=True) if own]
         parts += [f"at a limit: {', '.join(held)}"] if held else []
+        parts += [] if self.consistent else [inconsistent(float(self.misfit), int(self.degrees))]
         parts += [f"without {', '.join(self.dropped)}"] if self.dropped else []
         return f"Estimate({self.status.name}; {'; '.join(parts)})"
 
@@ -253,6 +259,11 @@ def estimate(
 
     run(work, pieces, workers)
     return _joined(scene, [found[piece.start] for piece in pieces])
+
+
+def inconsistent(misfit: float, degrees: int) -> str:
+    """What to say of a misfit that is too large."""
+    return f"inconsistent: the misfit is {misfit:.4g}, of {degrees} on average, so the model or a sigma is wrong"
 
 
 def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:

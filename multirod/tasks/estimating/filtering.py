@@ -17,7 +17,7 @@ from multirod.tasks.condensed import condensed
 from multirod.tasks.estimating.bounded import Bounds
 from multirod.tasks.estimating.estimate import at_means
 from multirod.tasks.estimating.filter_kernels import Filter, make_filter
-from multirod.tasks.estimating.inference import Posterior, deviations, roots
+from multirod.tasks.estimating.inference import Posterior, deviations, largest_square, roots
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.formulation import input_units
 from multirod.tasks.measuring.sensors import Live
@@ -62,7 +62,7 @@ class FilterSolver(Solver):
         self.once: Any = frozen(np.ones(count, dtype=np.int32))
         self._none_rejected = np.zeros(live.missing.shape, dtype=bool)
         self.state["rejected"] = Shared(live.missing.shape, wp.int32, known.device)
-        self.most = None if gate is None else _largest_squares(live.known.shape[1], gate)
+        self.most = None if gate is None else largest_square(np.arange(1 + live.known.shape[1]), gate)
         self.let_through()
         expect(make_filter, known.device)
 
@@ -248,13 +248,6 @@ class _FilterTrack(Track):
         self._watch.keep(chosen[begun], gamma[begun])
         outcome.status[chosen], outcome.iterations[chosen] = ended.status, ended.iterations
         outcome.integrations[chosen] = ended.integrations + 1
-
-
-def _largest_squares(count: int, gate: float) -> FloatArray:
-    """(15) What the squares of 0 to ``count`` rows are at most, by the chi-square distribution; of none, anything."""
-    from scipy.special import gammaincinv
-
-    return np.concatenate([[np.inf], 2 * gammaincinv(0.5 * np.arange(1, count + 1), gate)])
 
 
 def _padded(whitening: FloatArray | None) -> FloatArray:

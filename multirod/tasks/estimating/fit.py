@@ -88,7 +88,7 @@ class Fit:
         """The step planned at some unknowns and numbers; None where they are no better than the last."""
         try:
             robot = self.numbers.robot(p)
-            names = tuple(self.numbers.places)
+            names = self.numbers.names
             options = {"pose_sensitivities": True, **robot.input_directions(*names)}
             problem = robot.problem(self.inputs, integrator=self.solver.integrator, device=self.device, **options)
         except ValueError:  # such as a stiffness beyond all numbers

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from multirod.batch import IntArray
 from multirod.validation import FloatArray
 
 UNSEEN = 1e-10  # of the largest singular value, each number in its unit: what is less is not determined at all
 BISECTIONS = 30  # of the damping
 MILDEST = 1e-12  # damping that is looked at first, over the largest there may be
+CONSISTENT = 0.999  # part of sound measurements whose misfit is no more than is looked for
 SHARE = 1e-6  # of a direction that is not determined, from which on a number that takes part in it is not
 
 
@@ -95,6 +97,14 @@ def damping(J: FloatArray, r: FloatArray, root: FloatArray, away: FloatArray, un
         long = length(middle) > wanted
         low, high = np.where(long, middle, low), np.where(long, high, middle)
     return np.asarray(high)
+
+
+def largest_square(degrees: IntArray, part: float) -> FloatArray:
+    """(15), (18) What the squares of so many normal numbers of variance 1 are at most, by ``part`` of them; of none, anything."""
+    from scipy.special import gammaincinv
+
+    with np.errstate(invalid="ignore"):
+        return np.where(degrees > 0, 2 * gammaincinv(0.5 * np.maximum(degrees, 1), part), np.inf)
 
 
 def kept(covariance: FloatArray, prior: FloatArray) -> FloatArray:

@@ -115,24 +115,27 @@ class Part:
         refuse_unfit(problem, self.outcome)
 
     def _start(self) -> NDArray[np.bool_]:
-        """The equilibria at the priors' means; which of them were found, and are not what is sought already."""
+        """The equilibria at the priors' means; which of them were found, and are not what is sought already. Those of which less
+        was measured than is unknown without a prior are left out."""
         problem, every = self.task.problem, np.arange(self.count)
+        enough = self.measured.known.sum(axis=1) >= np.isinf(np.diagonal(self.prior, axis1=1, axis2=2)).sum(axis=1)
         at_rest = not (np.any(problem.guess_integrations) or problem.load_scale().any() or problem.turning().any())
         if self.scene.guess is None and not at_rest:
             self.outcome = self.scene.solver.solve(problem)
             self.x = problem.read("unknowns")
             good = ~failures(self.outcome.status)
             self.outcome.status[good] = Status.NOT_RUN
+            good &= enough
             if self.scene.places.at.size:  # which it did not tell of
                 found = self.task.evaluate(np.where(good[:, None], self.x, 0.0), self.p, good)
                 self.outcome.integrations[good] += 1
             else:
                 found = self.task.last(every[good])
         else:
-            self.x = self._guessed()
-            good = np.ones(self.count, dtype=bool)
-            found = self.task.evaluate(self.x, self.p)
-            self.outcome.integrations += 1
+            self.x, good = self._guessed(), enough
+            found = self.task.evaluate(self.x, self.p, good)
+            self.outcome.integrations[good] += 1
+        self.outcome.status[~enough & (self.outcome.status == Status.NOT_RUN)] = Status.UNOBSERVABLE
         return self._take(every[good], self.x[good], self.p[good], found)
 
     def _guessed(self) -> FloatArray:

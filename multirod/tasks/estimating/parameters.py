@@ -1,8 +1,9 @@
 """Parameters of a robot as numbers of a fit, and the robot that has them. Numbers in parentheses: ``docs/estimation.md``."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -16,120 +17,191 @@ from multirod.validation import FloatArray, refuse
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 PARAMETERS = (*STIFFNESSES, "precurvature", "base")
+SCALED = (*STIFFNESSES, "precurvature")  # may share a factor
+Key: TypeAlias = str | tuple[str, ...]  # a parameter, or several that share a factor
 
 
-@dataclass(frozen=True)
-class Group:
-    """Numbers of one parameter: the rod, section and component of each, or none."""
+class Group(Protocol):
+    """Numbers that are fitted together, ``p = 0`` at first.
 
-    name: str
-    places: tuple[tuple[int, int, int], ...]
+    Attributes:
+        names: Parameters of the robot that they change.
+        labels: What each number is.
+    """
+
+    names: tuple[str, ...]
     labels: tuple[str, ...]
+
+    def told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What is told of the numbers (k,), and its derivative by them, shapes (k,)."""
+
+    def put(self, robot: Assembly, rods: list[Rod], p: FloatArray) -> Assembly:
+        """The robot with them; what they change of its rods is put into ``rods`` instead."""
+
+    def columns(self, robot: Assembly, name: str, p: FloatArray) -> FloatArray:
+        """(13) How columns that the robot with them gives by ``name`` vary with the numbers, shape (column, k)."""
+
+
+class Scaled:
+    """Each a factor ``e^p``, of one parameter of a rod or of several together, all sections and axes alike."""
+
+    def __init__(self, labels: Sequence[str], parts: Sequence[Sequence[tuple[str, int]]]) -> None:
+        self.labels, self._parts = tuple(labels), parts
+        self.names = tuple(dict.fromkeys(name for part in parts for name, _ in part))
+
+    def told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As ``Group`` says."""
+        return np.exp(p), np.exp(p)
+
+    def put(self, robot: Assembly, rods: list[Rod], p: FloatArray) -> Assembly:
+        """As ``Group`` says."""
+        for part, factor in zip(self._parts, np.exp(p), strict=True):
+            for name, i in part:
+                rods[i].sections = tuple(
+                    replace(section, **{name: _number(section, name) * factor}) for section in rods[i].sections
+                )
+        return robot
+
+    def columns(self, robot: Assembly, name: str, p: FloatArray) -> FloatArray:
+        """As ``Group`` says; by the logarithm."""
+        result, table = _table(robot, name, len(p))
+        for at, part in enumerate(self._parts):
+            for own, i in part:
+                if own == name:
+                    for section, values in enumerate(robot.rods[i].sections):
+                        number = np.asarray(_number(values, name)).reshape(-1)
+                        table[i, section, :, at] = np.where(np.isfinite(number), number, 0.0)
+        return result
+
+
+class Bent:
+    """What is added to the precurvature of sections, component by component."""
+
+    names: tuple[str, ...] = ("precurvature",)
+
+    def __init__(self, labels: Sequence[str], places: Sequence[tuple[int, int, int]], begin: Assembly) -> None:
+        self.labels, self._places = tuple(labels), places
+        self._begin = np.array([_precurvature(begin.rods[i].sections[j])[k] for i, j, k in places])
+
+    def told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As ``Group`` says."""
+        return self._begin + p, np.ones(len(p))
+
+    def put(self, robot: Assembly, rods: list[Rod], p: FloatArray) -> Assembly:
+        """As ``Group`` says."""
+        for (i, j, k), number in zip(self._places, p, strict=True):
+            sections = list(rods[i].sections)
+            changed = np.array(_precurvature(sections[j]))
+            changed[k] += number
+            sections[j] = replace(sections[j], precurvature=changed)
+            rods[i].sections = tuple(sections)
+        return robot
+
+    def columns(self, robot: Assembly, name: str, p: FloatArray) -> FloatArray:
+        """As ``Group`` says."""
+        result, table = _table(robot, name, len(p))
+        for at, (i, j, k) in enumerate(self._places):
+            table[i, j, k, at] = 1.0
+        return result
+
+
+class Moved:
+    """How far the base is moved, then turned about itself, in the world."""
+
+    names: tuple[str, ...] = ("base",)
+    labels: tuple[str, ...] = (
+        *(f"base: moved along {axis} [m]" for axis in "xyz"),
+        *(f"base: turned about {axis} [rad]" for axis in "xyz"),
+    )
+
+    def told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As ``Group`` says."""
+        return p, np.ones(len(p))
+
+    def put(self, robot: Assembly, rods: list[Rod], p: FloatArray) -> Assembly:
+        """As ``Group`` says."""
+        base = np.array(robot.base)  # type: ignore[attr-defined]
+        base[:3, 3] += p[:3]
+        base[:3, :3] = matrices(p[None, 3:])[0] @ base[:3, :3]
+        return robot.with_base(base)
+
+    def columns(self, robot: Assembly, name: str, p: FloatArray) -> FloatArray:
+        """As ``Group`` says; turned already, it turns on as the rotation vector's change has it."""
+        result = np.eye(6)
+        result[3:, 3:] = left_jacobian(p[None, 3:])[0]
+        return result
 
 
 class Parameters:
-    """The numbers that are fitted, ``p = 0`` at first, and the robots that go with them."""
+    """The numbers that are fitted, ``p = 0`` at first, and the robots that go with them.
 
-    def __init__(self, robot: Assembly, priors: Mapping[str, Prior]) -> None:
+    Attributes:
+        names: Parameters of the robot that they change, each once.
+        places: Where the numbers of each group are among all.
+    """
+
+    def __init__(self, robot: Assembly, priors: Mapping[Key, Prior]) -> None:
         self.begin = robot
-        groups = {name: _group(robot, name) for name in priors}
-        self.labels = tuple(label for group in groups.values() for label in group.labels)
-        self.groups = groups
-        self.places: dict[str, slice] = {}
+        self.groups: dict[Key, Group] = {key: _group(robot, key) for key in priors}
+        self.names = tuple(name for group in self.groups.values() for name in group.names)
+        self.labels = tuple(label for group in self.groups.values() for label in group.labels)
+        self.places: dict[Key, slice] = {}
         first = 0
-        for name, group in groups.items():
-            self.places[name] = slice(first, first + len(group.labels))
+        for key, group in self.groups.items():
+            self.places[key] = slice(first, first + len(group.labels))
             first += len(group.labels)
         self.count = first
-        own = [priors[name].variances(name, len(group.labels), (), None) for name, group in groups.items()]
+        own = [priors[key].variances(said(key), len(group.labels), (), None) for key, group in self.groups.items()]
         self.prior = block_diagonal(own)[0]
 
     def values(self, p: FloatArray) -> FloatArray:
         """What is told of the numbers, shape (k,)."""
-        result = np.array(p)
-        for name, group in self.groups.items():
-            own = self.places[name]
-            if name in STIFFNESSES:
-                result[own] = np.exp(p[own])
-            elif name == "precurvature":
-                result[own] += [_precurvature(self.begin.rods[i].sections[j])[k] for i, j, k in group.places]
-        return result
+        return self._told(p)[0]
 
     def covariance(self, p: FloatArray, covariance: FloatArray) -> FloatArray:
         """Of what is told."""
-        unit = np.ones(len(p))
-        for name, own in self.places.items():
-            if name in STIFFNESSES:
-                unit[own] = np.exp(p[own])
+        unit = self._told(p)[1]
         return np.asarray(covariance * unit[:, None] * unit)
+
+    def _told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        parts = [group.told(p[self.places[key]]) for key, group in self.groups.items()]
+        return np.concatenate([value for value, _ in parts]), np.concatenate([unit for _, unit in parts])
 
     def robot(self, p: FloatArray) -> Assembly:
         """The robot with these numbers, shape (k,)."""
-        rods = [copy(rod) for rod in self.begin.rods]
-        for name, group in self.groups.items():
-            if name == "base":
-                continue
-            for (i, j, k), number in zip(group.places, p[self.places[name]], strict=True):
-                rods[i].sections = tuple(
-                    section if j not in (-1, at) else CHANGES[name](section, k, float(number))
-                    for at, section in enumerate(rods[i].sections)
-                )
-        result = self.begin.with_rods(rods) if set(self.groups) - {"base"} else self.begin
-        if "base" in self.groups:
-            moved = p[self.places["base"]]
-            base = np.array(self.begin.base)  # type: ignore[attr-defined]
-            base[:3, 3] += moved[:3]
-            base[:3, :3] = matrices(moved[None, 3:])[0] @ base[:3, :3]
-            result = result.with_base(base)
-        return result
+        rods, result = [copy(rod) for rod in self.begin.rods], self.begin
+        for key, group in self.groups.items():
+            result = group.put(result, rods, p[self.places[key]])
+        return result.with_rods(rods) if set(self.names) - {"base"} else result
 
     def columns(self, robot: Assembly, p: FloatArray) -> FloatArray:
-        """(13) How the columns that a robot gives, all parameters one after another, vary with the numbers, shape (column, k)."""
+        """(13) How the columns that a robot gives by ``names``, one after another, vary with the numbers, shape (column, k)."""
         result = []
-        for name, group in self.groups.items():
-            own = np.zeros((robot.column_count(name), len(group.labels)))
-            if name == "base":
-                # turned already, it turns on as the rotation vector's change has it
-                own[:3, :3], own[3:, 3:] = np.eye(3), left_jacobian(p[self.places[name]][None, 3:])[0]
-            else:
-                size = COMPONENTS[name]
-                sections = own.shape[0] // (size * robot.rod_count)
-                table = own.reshape(robot.rod_count, sections, size, -1)
-                for at, (i, j, k) in enumerate(group.places):
-                    if name == "precurvature":
-                        table[i, j, k, at] = 1.0
-                        continue
-                    for section, values in enumerate(robot.rods[i].sections):  # by its logarithm
-                        stiffness = np.asarray(getattr(values, name)).reshape(-1)
-                        table[i, section, :, at] = np.where(np.isfinite(stiffness), stiffness, 0.0)
-            result.append(own)
-        full = np.zeros((sum(len(own) for own in result), self.count))
-        row = column = 0
-        for own in result:
-            full[row : row + own.shape[0], column : column + own.shape[1]] = own
-            row, column = row + own.shape[0], column + own.shape[1]
-        return full
+        for key, group in self.groups.items():
+            for name in group.names:
+                rows = np.zeros((robot.column_count(name), self.count))
+                rows[:, self.places[key]] = group.columns(robot, name, p[self.places[key]])
+                result.append(rows)
+        return np.concatenate(result)
 
 
-BASE = (*(f"moved along {axis} [m]" for axis in "xyz"), *(f"turned about {axis} [rad]" for axis in "xyz"))
 COMPONENTS = {"bending_stiffness": 2, "torsional_stiffness": 1, "precurvature": 3}
 
 
-def _scaled(name: str) -> Callable[[Section, int, float], Section]:
-    return lambda section, _, number: replace(section, **{name: getattr(section, name) * np.exp(number)})
+def said(key: Key) -> str:
+    """Parameters that are fitted together, in words."""
+    return key if isinstance(key, str) else " and ".join(key)
 
 
-def _bent(section: Section, component: int, number: float) -> Section:
-    changed = np.array(_precurvature(section))
-    changed[component] += number
-    return replace(section, precurvature=changed)
+def _table(robot: Assembly, name: str, count: int) -> tuple[FloatArray, FloatArray]:
+    """Zeros, of columns by a parameter and ``count`` numbers, and the same as (rod, section, component, number)."""
+    result = np.zeros((robot.column_count(name), count))
+    size = COMPONENTS[name]
+    return result, result.reshape(robot.rod_count, -1, size, count)
 
 
-CHANGES = {
-    "bending_stiffness": _scaled("bending_stiffness"),
-    "torsional_stiffness": _scaled("torsional_stiffness"),
-    "precurvature": _bent,
-}
+def _number(section: Section, name: str) -> FloatArray:
+    return _precurvature(section) if name == "precurvature" else np.asarray(getattr(section, name))
 
 
 def _precurvature(section: Section) -> FloatArray:
@@ -138,21 +210,35 @@ def _precurvature(section: Section) -> FloatArray:
     return section.precurvature
 
 
-def _group(robot: Assembly, name: str) -> Group:
-    """Which numbers a parameter of a robot has."""
-    if name == "base":
-        return Group(name, ((-1, -1, -1),) * 6, tuple(f"base: {said}" for said in BASE))
+def _group(robot: Assembly, key: Key) -> Group:
+    """Which numbers a parameter of a robot has, or parameters that share a factor."""
+    if key == "base":
+        return Moved()
+    if not isinstance(key, str):
+        part = [(name, i) for name in key for i in _rods(robot, name)]
+        return Scaled([f"all rods: {said(key)}, over what {'they were' if len(key) > 1 else 'it was'}"], [part])
     called = [rod.name or f"rod {i + 1}" for i, rod in enumerate(robot.rods)]
-    if name in STIFFNESSES:
-        rods = [i for i, rod in enumerate(robot.rods) if _finite(rod, name)]
-        if not rods:
-            refuse("parameters", name, "must not be fitted: no rod has one that is finite")
-        return Group(name, tuple((i, -1, 0) for i in rods), tuple(f"{called[i]}: {name}, over what it was" for i in rods))
-    curved = [(i, j) for i, rod in enumerate(robot.rods) for j, s in enumerate(rod.sections) if np.any(_precurvature(s))]
+    if key in STIFFNESSES:
+        rods = _rods(robot, key)
+        return Scaled([f"{called[i]}: {key}, over what it was" for i in rods], [[(key, i)] for i in rods])
+    curved = [(i, j) for i, rod in enumerate(robot.rods) for j, s in enumerate(rod.sections) if _precurvature(s).any()]
     curved = curved or [(i, j) for i, rod in enumerate(robot.rods) for j in range(len(rod.sections))]
-    places = tuple((i, j, k) for i, j in curved for k in range(3))
-    return Group(name, places, tuple(f"{called[i]}: precurvature {'xyz'[k]}, section {j + 1} [1/m]" for i, j, k in places))
+    places = [(i, j, k) for i, j in curved for k in range(3)]
+    return Bent([f"{called[i]}: precurvature {'xyz'[k]}, section {j + 1} [1/m]" for i, j, k in places], places, robot)
+
+
+def _rods(robot: Assembly, name: str) -> list[int]:
+    """Those that have a parameter, which can be scaled."""
+    has = _finite if name in STIFFNESSES else _curved
+    rods = [i for i, rod in enumerate(robot.rods) if has(rod, name)]
+    if not rods:
+        refuse("parameters", name, f"must not be fitted: no rod has one that is {'finite' if has is _finite else 'not zero'}")
+    return rods
 
 
 def _finite(rod: Rod, name: str) -> bool:
     return any(np.isfinite(getattr(section, name)).all() for section in rod.sections)
+
+
+def _curved(rod: Rod, name: str) -> bool:
+    return any(_precurvature(section).any() for section in rod.sections)
