@@ -164,7 +164,8 @@ class Shooting(Solver):
             tried = self._hand_over(problem, newton, outcome, handed, reached, ends)
         if self.fallback and failures(outcome.status).any():
             self._segmented().rescue(problem, outcome, self._left(outcome), tried)
-        lost = chosen & np.isin(outcome.status, ENDED)
+        # what creeps in segments too is given up
+        lost = chosen & np.isin(outcome.status, ENDED) & (tried != int(Status.MAX_ITERATIONS))
         if lost.any() and reached is not None and not multistable:
             self._follow(problem, newton, outcome, lost, reached, ends)
         if unbounded is not None:

@@ -154,7 +154,8 @@ class ClampedBackbones:
     def _onward(self, found: FloatArray, begin: FloatArray) -> FloatArray:
         """Columns at the end of a piece, which has ``found`` them by the state where it begins, then along the loads."""
         n, d = self.problem.unknown_count, begin.shape[1]
-        result = found[..., :d] @ begin
+        with np.errstate(over="ignore", invalid="ignore"):  # of rods that amplify without bound: who asks finds no equilibrium
+            result = found[..., :d] @ begin
         result[..., n : n + self.loads] += found[..., d:]
         return np.asarray(result)
 
