@@ -241,14 +241,7 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def segments(self) -> BackboneSegments | None:  # noqa: D102
-        return None if len(self.rods) > 1 or self.held or self._by_place else self.cut
-
-    @property
-    def segments_refused(self) -> str:  # noqa: D102
-        if len(self.rods) > 1 or self.held:
-            return super().segments_refused
-        names = " and ".join(load.of_rod for load in self._by_place)
-        return f"{names} is not 0, must be 0: a segment does not know how far its base has moved; Shooting takes it"
+        return None if len(self.rods) > 1 or self.held else self.cut
 
     @property
     def _by_place(self) -> list[type[Load]]:

@@ -14,12 +14,12 @@ from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, residuals_of, unknowns_of
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
 from multirod.models.backbone.segments.room import Room
-from multirod.models.backbone.stability.condensing.by_segments import form_by_segments
+from multirod.models.backbone.stability.condensing.by_segments import form_by_places, form_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, CondensedForm, segments_needed
 from multirod.models.backbone.stability.condensing.tensions import without_tensions
 from multirod.models.backbone.units import unit_stiffness
 from multirod.problem import BoundaryProblem, Shape
-from multirod.rotations import from_quaternions, of_quaternions, quaternion_product, to_quaternions
+from multirod.rotations import from_quaternions, matrices, of_quaternions, quaternion_product, to_quaternions
 from multirod.segments import Breakpoints, Cuts, Propagation, Segments
 from multirod.stability import Modes
 from multirod.status import BoolArray
@@ -33,7 +33,8 @@ LOOKED_AT = 33  # nodes at which moments and forces are bounded
 
 class BackboneSegments(Segments):
     """Segments of the rod of a ``BackboneProblem``; a state is its moment [N m], frame (quaternion, scalar last) and position,
-    then how long lines that are driven by their length are up to there, and what friction has left of tensions.
+    then how long lines that are driven by their length are up to there, what friction has left of tensions and, where loads'
+    forces depend on the configuration, the force [N] along the axes of the base.
 
     Every segment of every instance is one thread of a launch. The problem's own buffers stay as they are.
     """
@@ -74,6 +75,8 @@ class BackboneSegments(Segments):
         self._added = np.concatenate([np.arange(d)[self._varied.places[str(slot.seed)]] for slot in added])
         # (12) of docs/stability.md: what works on what, first what follows, then what is given
         names = ("moment", "lengths", "rotation", "drives")
+        # (5d) force and position vary along the axes of the rod at its base
+        self._force_unit = np.broadcast_to(problem.arrays.material[:, 0, 0, :2].max(axis=1) / self._scale, (count,))
         self._conjugates = np.concatenate([np.arange(d)[self._varied.places[name]] for name in names])
         self._rooms: dict[int, Room] = {}
 
@@ -93,6 +96,9 @@ class BackboneSegments(Segments):
         state[:, :3] = self._stiffness[instances] * (unknowns[:, :3] - self._precurvature[instances])
         state[:, frame + 2], state[:, frame + 3] = np.sin(angle / 2), np.cos(angle / 2)
         state[:, self._state.places["grips"]] = 1.0
+        if self.features.world_force_is_state:
+            force = unknowns[:, -3:] * self._force_unit[instances, None]  # (13)
+            state[:, self._state.places["world_force"]] = _turned(self._axes(instances), force)
         return state
 
     def difference(self, instances: IntArray, states: FloatArray, others: FloatArray) -> FloatArray:  # noqa: D102
@@ -101,6 +107,9 @@ class BackboneSegments(Segments):
         turn = quaternion_product(self._quaternions(others) * (-1.0, -1.0, -1.0, 1.0), self._quaternions(states))
         result[:, self._varied.places["rotation"]] = of_quaternions(turn) / self._scale[instances, None]
         result[:, self._added] = (states[:, self._sums] - others[:, self._sums]) / self._units[instances]
+        for slot, variation, unit in self._along_base(instances):
+            apart = states[:, slot] - others[:, slot]
+            result[:, variation] = _turned(self._axes(instances).swapaxes(1, 2), apart) / unit[:, None]
         return result
 
     def moved(self, instances: IntArray, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
@@ -109,7 +118,24 @@ class BackboneSegments(Segments):
         turn = to_quaternions(self._scale[instances, None] * variations[:, self._varied.places["rotation"]])
         result[:, self._state.places["frame"]] = quaternion_product(self._quaternions(states), turn)
         result[:, self._sums] += self._units[instances] * variations[:, self._added]
+        for slot, variation, unit in self._along_base(instances):
+            result[:, slot] += _turned(self._axes(instances), unit[:, None] * variations[:, variation])
         return result
+
+    def _along_base(self, instances: IntArray) -> list[tuple[slice, slice, FloatArray]]:
+        """(5d) Where force and position stand in a state and in a variation, and what is one of these, (count,); none where they
+        do not vary."""
+        state, varied, names = self._state.places, self._varied.places, []
+        if self.features.world_force_is_state:
+            names.append((state["world_force"], varied["force"], self._force_unit[instances]))
+        if self.features.loads_by_place:
+            names.append((state["position"], varied["place"], self._scale[instances] ** 2))
+        return names
+
+    def _axes(self, instances: IntArray) -> FloatArray:
+        """Frames of the rod at its base in those of the base, shape (count, 3, 3)."""
+        angle = self.problem.read("inputs")[instances, self.problem.input_slice("rotation")]
+        return np.asarray(matrices(angle * [0.0, 0.0, 1.0]))
 
     def growth(self, found: Propagation) -> FloatArray:  # noqa: D102
         # rotation to moment and back may each be scaled at the cost of the other: their geometric mean is what is left
@@ -205,6 +231,8 @@ class BackboneSegments(Segments):
         d = self.variation_size
         R = self._base(cuts.instances)[0][0]
         moved = found.displacement_columns[:, :, :d] @ variations + found.displacement_columns[:, :, d:]
+        if self.features.loads_by_place:  # those of where segments end
+            moved = moved[-1:]
         turned = found.transition[-1, 3:6, :d] @ variations[-1] + found.transition[-1, 3:6, d:]
         tip = R @ self._matrices(found.end[-1:])[0]
         return np.concatenate([R @ moved.sum(axis=0), self._scale[cuts.instances[0]] * tip @ turned])
@@ -224,7 +252,8 @@ class BackboneSegments(Segments):
         cuts, full = Cuts.of_points(points), np.ones(len(points))
         found = self.propagate(cuts, full)
         states = cuts.states.copy()
-        states[:, self._state.places["position"]] = _added_up(found.displacement, cuts) - found.displacement
+        if not self.features.loads_by_place:
+            states[:, self._state.places["position"]] = _added_up(found.displacement, cuts) - found.displacement
         states[:, self._state.places["lengths"]] = 0.0  # those of segments are asked for
         placed = replace(cuts, states=states, steps=0 * cuts.steps)
         options: dict[str, Any] = {
@@ -264,7 +293,7 @@ class BackboneSegments(Segments):
         instances, problem = list(points), self.problem
         with self._known_by(points):
             modes = self.condensed_form(points).modes(problem.sizes.stiffness_over_length()[instances])
-            known = modes.known & (problem.stability.has_potential & problem.lines.stays_stiff())[instances]
+            known = modes.known & problem.stability.judged[instances]
             modes.put(~known, Modes.unknown(len(instances), modes.values.shape[1]))
             modes.diverging[:] = (problem.stability.has_potential & problem.lines.gives_way())[instances]
         return modes
@@ -302,6 +331,9 @@ class BackboneSegments(Segments):
         base = self._base(cuts.instances)[0][cuts.owner]
         frames, ends = (base @ self._matrices(states) for states in (cuts.states, found.end))
         unit = self._stiffness[cuts.instances] / self._scale[cuts.instances, None]
+        if problem.features.loads_by_place:
+            form.put(np.flatnonzero(few), form_by_places(self._by_work(found.transition, cuts), ends, cuts.first, self._work(cuts)))
+            return form
         own, W = form_by_segments(
             found.transition[:, self._conjugates[:, None], self._conjugates], frames, ends, cuts.first, unit
         )
@@ -309,6 +341,20 @@ class BackboneSegments(Segments):
             own = self._tensions_eliminated(own, W, cuts, found)
         form.put(np.flatnonzero(few), own)
         return form
+
+    def _work(self, cuts: Cuts) -> FloatArray:
+        """Energy of a unit of what varies, by a unit of its conjugate [N m], shape (count,): ``EI/L``."""
+        return np.asarray(self._force_unit[cuts.instances] * self._scale[cuts.instances])
+
+    def _by_work(self, transition: FloatArray, cuts: Cuts) -> FloatArray:
+        """Transitions as ``form_by_places`` takes them, by rotations in radians and positions over the length."""
+        names = ("moment", "place", "rotation", "force")
+        order = np.concatenate([np.arange(self.variation_size)[self._varied.places[name]] for name in names])
+        unit = np.ones((len(transition), 12))
+        unit[:, :3] = self._stiffness[cuts.instances[cuts.owner]]
+        unit[:, :3] /= (self._work(cuts) * self._scale[cuts.instances])[cuts.owner, None]
+        unit[:, 3:6] = -1.0
+        return np.asarray(unit[:, :, None] * transition[:, order[:, None], order] / unit[:, None, :])
 
     def _cut_for_modes(self, points: dict[int, Breakpoints]) -> tuple[Cuts, BoolArray]:
         """Segments of these instances so short that none holds a conjugate point, (7) of ``docs/stability.md``, and which have so
@@ -319,7 +365,8 @@ class BackboneSegments(Segments):
         moment, force = (np.linalg.norm(v[everyone], axis=2).max(axis=1) for v in (shape.total_moment, shape.total_force))
         moment = np.maximum(moment, np.maximum.reduceat(np.linalg.norm(cuts.states[:, :3], axis=1), cuts.first[:-1]))
         length = self.length(everyone)
-        needed = segments_needed(length, self.problem.sizes.least_stiffness[everyone], moment, force)
+        potential = force + self.problem.sizes.moment_per_length()[everyone]
+        needed = segments_needed(length, self.problem.sizes.least_stiffness[everyone], moment, potential)
         needed = np.maximum(needed, self.fewest_for_modes)
         few = needed < MOST_NODES - 1
         if not few.any():
@@ -340,6 +387,11 @@ class BackboneSegments(Segments):
         taut = self.problem.lines.taut()[cuts.instances]
         own, size = W[:, 3:, 3:] - stretch, np.ones(len(last))
         return without_tensions(form, W[:, :3, 3:], W[:, 3:, :3], own, size, taut)
+
+
+def _turned(frames: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Vectors (count, 3) turned by matrices (count, 3, 3)."""
+    return np.asarray((frames @ vectors[:, :, None])[..., 0])
 
 
 def largest_singular_value(blocks: FloatArray) -> FloatArray:

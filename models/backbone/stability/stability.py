@@ -21,6 +21,7 @@ from multirod.models.backbone.stability.condensing.tensions import with_conditio
 from multirod.models.backbone.stability.mode_bounds import bound_modes
 from multirod.models.backbone.stability.sure import SureStability, may_be_sure
 from multirod.profile import DEGREE
+from multirod.segments import Breakpoints
 from multirod.stability import Modes, Stability, StabilityAnalysis
 from multirod.validation import FloatArray
 
@@ -65,6 +66,20 @@ class BackboneStability(StabilityAnalysis):
             acting |= bool(moments.any()) & (inputs[:, -1] != 0)
         return np.asarray(~acting)
 
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """Of which instances the second variation is told, shape (instance_count,)."""
+        return np.asarray(self.has_potential & self.problem.lines.stays_stiff() & (not self._place_unknown))
+
+    @property
+    def _place_unknown(self) -> bool:
+        """Whether forces depend on the configuration in a way of which stability is not told."""
+        problem = self.problem
+        known = len(problem.rods) == 1 and not problem.features.condition_count
+        return not known and problem.features.world_force_is_state or not all(
+            load.convex for load in problem.features.loads if load.force
+        )
+
     def potential(self) -> FloatArray:  # noqa: D102
         call = self.problem.nodes.over(2)
         stored, work = np.array(call.read("energy")), np.array(call.read("work"))
@@ -106,8 +121,7 @@ class BackboneStability(StabilityAnalysis):
 
     def _modes(self, form: CondensedForm, determinant: FloatArray) -> Modes:
         modes = form.modes(self.problem.sizes.stiffness_over_length())
-        potential, lines = self.has_potential, self.problem.lines
-        judged = potential & lines.stays_stiff() & (not self.problem.features.world_force_is_state)
+        potential, lines, judged = self.has_potential, self.problem.lines, self.judged
         if not judged.all():
             modes.known[~judged] = False
             modes.values[~judged] = np.nan
@@ -117,8 +131,7 @@ class BackboneStability(StabilityAnalysis):
 
     def _told_by_sign(self, potential: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Where the sign of ``det Gamma`` is all that tells of instability, shape (instance_count,)."""
-        terms = self.problem.features
-        return np.asarray((~potential | terms.world_force_is_state) & (not terms.measured))
+        return np.asarray((~potential | self._place_unknown) & (not self.problem.features.measured))
 
     def condensed_form(self, joint: TipJoint | None = None, *, tensions_fixed: bool = False) -> tuple[CondensedForm, FloatArray]:
         """The second variation at ``unknowns``, condensed to the tip, or to what a ``joint`` gives there, and ``det Gamma``
@@ -140,6 +153,8 @@ class BackboneStability(StabilityAnalysis):
         expected = self._segments_expected()
         nodes = self._nodes(np.minimum(np.where(np.isnan(expected), 0.0, expected), MOST_NODES_AT_FIRST - 2))
         open_, shifted = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+        if self.problem.features.world_force_is_state and not self._place_unknown:
+            return self._by_place(), determinant
         if self.problem.breakpoints:
             cut = list(self.problem.breakpoints)
             form = CondensedForm.unknown(count, size)
@@ -171,6 +186,17 @@ class BackboneStability(StabilityAnalysis):
             shifted |= again
             open_ &= ~chosen | more | again
         return CondensedForm.unknown(count, size) if form is None else form, determinant
+
+    def _by_place(self) -> CondensedForm:
+        """(22), (23) Of all instances whose forces depend on where they are, by segments between which they lead on."""
+        problem, cut = self.problem, self.problem.cut
+        everyone, unknowns = np.arange(problem.instance_count), problem.read("unknowns")
+        length, states = cut.length(everyone), cut.base_state(everyone, unknowns)
+        steps = np.array([problem.integrator.steps or 0], dtype=np.int32)
+        points = {
+            k: Breakpoints(np.array([0.0, length[k]]), states[k : k + 1], unknowns[k], steps) for k in everyone.tolist()
+        }
+        return cut.condensed_form(points | problem.breakpoints)
 
     def by_breakpoints(self) -> CondensedForm:
         """The same of instances that are known by their breakpoints, in their order."""

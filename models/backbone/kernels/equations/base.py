@@ -309,4 +309,5 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         base_state=base_state,
         base_column=base_column,
         unknown_unit=unknown_unit,
+        force_unit=force_unit,
     )

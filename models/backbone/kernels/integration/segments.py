@@ -3,8 +3,9 @@
 
 Numbers in parentheses are those of ``docs/model.md``. A segment begins and ends at any arclength; several, end to end, carry the
 rod (``docs/solvers.md``). The unknowns of a segment are the variations of its first state: the moment in the units of (10), the
-rotation over the rod's length, lengths of lines and what friction leaves of them, (5) there; then what is the same all along:
-tensions in the units of (L7) of ``docs/lines.md`` and, where something follows the tip, the base force in the units of (13).
+rotation over the rod's length, where loads depend on it the position, lengths of lines and what friction leaves of them, (5)
+there; then what is the same all along: tensions in the units of (L7) of ``docs/lines.md`` and, where something follows the tip,
+the base force in the units of (13). Where loads' forces depend on the configuration, that is the force where the segment begins.
 """
 
 from functools import cache
@@ -54,7 +55,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     force_at, precurvature_here, cause = own.force_at, own.precurvature_here, own.cause
     load_until, load_rate_until, output_arclength = grid.load_until, grid.load_rate_until, grid.output_arclength
     make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
-    unknown_unit = base.unknown_unit
+    unknown_unit, base_force_unit = base.unknown_unit, base.force_unit
     write_tip, write_tip_column = tip.write_tip, tip.write_tip_column
     frame, frame_column = tip.frame, tip.frame_column
     body_moment, body_moment_column = tip.body_moment, tip.body_moment_column
@@ -71,8 +72,10 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     length_unit, length_place = conditions.length_unit, conditions.length_place
     GRIPS, GRIPS_AT = features.grip_count, s_["grips"]  # a column's stands alike
     b_, M_AT = breakpoint_state(features), s_["moment"]  # a column's stands alike
-    MOMENT_IN, FRAME_IN, POSITION_IN, LENGTHS_IN, GRIPS_IN = (b_[name] for name in b_.named)
+    MOMENT_IN, FRAME_IN, POSITION_IN, LENGTHS_IN, GRIPS_IN, WORLD_IN = (b_[name] for name in b_.named)
     BENT, TURN, LONGER, GRIP = (layout.seed(name) for name in ("moment", "frame", "lengths", "grips"))
+    PLACE, PUSHED = layout.unknowns["place"], layout.seed("force")  # variations by them
+    WORLD_AT, WORLD_STATE, BY_PLACE = s_["world_force"], layout.WORLD_STATE, features.loads_by_place
     VARIED = layout.UNKNOWNS
     DQ_AT, DP_AT, FORCE_STATE, COLUMN_FRAME = c_["frame"], c_["position"], layout.FORCE_STATE, layout.COLUMN_FRAME
 
@@ -114,13 +117,20 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             y[length_place(i)] = seg.state[t, wp.static(LENGTHS_IN) + i]
         for i in range(wp.static(GRIPS)):
             y[wp.static(GRIPS_AT) + i] = seg.state[t, wp.static(GRIPS_IN) + i]
+        if wp.static(WORLD_STATE):
+            for j in range(3):
+                y[WORLD_AT + j] = seg.state[t, wp.static(WORLD_IN) + j]
         if wp.static(NODES):
             y[ENERGY_AT] = f64(0.0)
         return y
 
     @wp.func
-    def varied(rods: wp.ref[RodTable], case: wp.ref[Instance], y: State, known: Column, k: int) -> Column:
-        """(15), (18b) Column k by what varies where a segment begins: the moment, the rotation, a length or a grip."""
+    def varied(
+        rods: wp.ref[RodTable], case: wp.ref[Instance], base: wp.vec4d, y: State, known: Column, k: int
+    ) -> Column:
+        """(15), (18b) Column k by what varies where a segment begins: the moment, the rotation, the position along the axes of
+        the rod at its ``base``, a length or a grip.
+        """
         v = known
         q = frame(y)
         dM = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
@@ -146,6 +156,13 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         for i in range(wp.static(GRIPS)):
             if k == wp.static(GRIP) + i:
                 v[wp.static(GRIPS_AT) + i] = case.scale
+        if wp.static(BY_PLACE):
+            if k >= wp.static(PLACE) and k < wp.static(PLACE + 3):
+                e = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+                e[k - wp.static(PLACE)] = case.scale * case.scale
+                dp = rotate(base, e)
+                for j in range(3):
+                    v[DP_AT + j] = dp[j]
         return v
 
     @wp.func(inline=False)
@@ -186,7 +203,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                             v[M_AT + j] = f64(0.0)
                             if k == wp.static(BENT) + j:
                                 v[M_AT + j] = f64(1.0) / unit[j]
-                    v = varied(rods, case, y, v, k)
+                    v = varied(rods, case, b.q, y, v, k)
                 else:
                     if given:
                         # what directions vary is known where the segment begins
@@ -247,6 +264,10 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         t = job // call.parts
         y = state_in(case, memory, o, l)
         n_end = force_at(call, p)
+        if wp.static(WORLD_STATE or BY_PLACE):
+            base = make_base_of(rods, call, case)
+        if wp.static(WORLD_STATE):
+            n_end = wp.vec3d(y[WORLD_AT], y[WORLD_AT + 1], y[WORLD_AT + 2])
         q = frame(y)
         unit = unknown_unit(rods, case, 0)
         total = f64(0.0)
@@ -262,6 +283,9 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                 seg.end_state[t, wp.static(LENGTHS_IN) + i] = y[length_place(i)]
             for i in range(wp.static(GRIPS)):
                 seg.end_state[t, wp.static(GRIPS_IN) + i] = y[wp.static(GRIPS_AT) + i]
+            if wp.static(WORLD_STATE):
+                for j in range(3):
+                    seg.end_state[t, wp.static(WORLD_IN) + j] = n_end[j]
             if wp.static(NODES):
                 seg.energy[t] = y[ENERGY_AT]
                 seg.work[t] = y[WORK_AT]
@@ -289,8 +313,17 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                 seg.columns[t, wp.static(LONGER) + i, k] = v[length_place(i)] / length_unit(rods, case, i)
             for i in range(wp.static(GRIPS)):
                 seg.columns[t, wp.static(GRIP) + i, k] = v[wp.static(GRIPS_AT) + i] / case.scale
+            dn = force_column_in(case, memory, o, l, c)
+            if wp.static(WORLD_STATE):
+                dn = wp.vec3d(v[WORLD_AT], v[WORLD_AT + 1], v[WORLD_AT + 2])
+                pushed = rotate_inverse(base.q, dn) / base_force_unit(rods, case)
+                for j in range(3):
+                    seg.columns[t, wp.static(PUSHED) + j, k] = pushed[j]
+            if wp.static(BY_PLACE):
+                place = rotate_inverse(base.q, wp.vec3d(v[DP_AT], v[DP_AT + 1], v[DP_AT + 2])) / (case.scale * case.scale)
+                for j in range(3):
+                    seg.columns[t, wp.static(PLACE) + j, k] = place[j]
             if seg.at_tip[t] == 1:
-                dn = force_column_in(case, memory, o, l, c)
                 total += write_tip_column(rods, call, case, y, v, s, n_end, dn, k)
                 if wp.static(CONDITIONS > 0):
                     total += write_condition_column(rods, call, case, v, k)

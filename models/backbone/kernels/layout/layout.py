@@ -34,6 +34,7 @@ def unknowns_of(features: Features, *, moment: bool | None = None, force: bool |
             Slot("moment", 3 * moment, "1/length", residual=lacking[0]),
             Slot("torques", features.torque_count, "1/length", residual="torques"),  # of rods that turn against the frame
             Slot("rotation", 3 * segment, "1/length"),
+            Slot("place", 3 * segment * features.loads_by_place, "1/length"),  # of a segment, where loads depend on it
             Slot("lengths", conditions * segment, "1/length"),  # of members whose drive is unknown, up to a segment
             Slot("grips", grips * segment, "1/length"),  # what friction leaves of drives there
             Slot("drives", conditions, "1/length", residual="conditions"),  # of members whose drive is unknown
@@ -63,9 +64,10 @@ def breakpoint_state(features: Features) -> Record:
         [
             Slot("moment", 3, "moment", seed="moment"),
             Slot("frame", 4, seed="rotation"),
-            Slot("position", 3, "length"),
+            Slot("position", 3, "length", seed="place"),
             Slot("lengths", features.condition_count, "length", seed="lengths"),  # of members whose drive is unknown
             Slot("grips", features.grip_count, seed="grips"),  # what friction has left of drives
+            Slot("world_force", 3 * features.world_force_is_state, "force", seed="force"),  # n, along the axes of the base
         ]
     )
 

@@ -23,7 +23,7 @@ MEDIUM = 13  # where the stiffness of the medium stands in the material
 class Foundation(Load):
     """A medium that holds each piece of the rods to its place on the line straight out of the base."""
 
-    force = by_place = conservative = True
+    force = by_place = conservative = convex = True
     of_rod = "Rod.foundation"
 
     @classmethod

@@ -36,6 +36,8 @@ class Load(ABC):
         moment: Whether there is a moment.
         by_place: Whether they depend on the position: then that is integrated, and is part of every column.
         conservative: Whether they derive from an energy per length.
+        convex: Whether that depends on the position alone and is convex in it, as of springs that pull back to their places: then
+            it takes stability from no short stretch, and that of a single rod is told.
         of_rod: The argument of ``Rod`` that gives it.
         input: The vector input of the robot on which they depend, fixed in the world and raised with the loads; None of others.
         parameters: Names of the numbers that the law needs of each rod, and their unit as powers of newton and metre. They are
@@ -48,6 +50,7 @@ class Load(ABC):
     moment: ClassVar[bool] = False
     by_place: ClassVar[bool] = False
     conservative: ClassVar[bool] = False
+    convex: ClassVar[bool] = False
     of_rod: ClassVar[str] = "Rod.loads"
     input: ClassVar[str | None] = None
     parameters: ClassVar[Mapping[str, tuple[int, int]]] = {}
