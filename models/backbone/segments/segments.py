@@ -28,6 +28,7 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
+NODES_KEPT = 1024  # of all instances, of a launch over nodes that is kept for the next
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
 
 
@@ -79,6 +80,7 @@ class BackboneSegments(Segments):
         self._force_unit = np.broadcast_to(problem.arrays.material[:, 0, 0, :2].max(axis=1) / self._scale, (count,))
         self._conjugates = np.concatenate([np.arange(d)[self._varied.places[name]] for name in names])
         self._rooms: dict[int, Room] = {}
+        self._node_rooms: dict[tuple[int, int], Room] = {}
 
     @property
     def direction_count(self) -> int:  # noqa: D102
@@ -263,14 +265,9 @@ class BackboneSegments(Segments):
             "lengths": problem.drive_count > 0,
         }
         features = replace(self.features, **options)
-        call = problem.buffers.call(node_count)
-        call.node_rod = 0
-        for name in self.own_arguments:
-            setattr(call.problem, name, getattr(self._call.problem, name))
-        call.wrench = self._call.wrench
         problem.heed_stop()
         count = len(placed.start)
-        room = self._make_room(features, call, self.table, count, 0)
+        room = self._room_of_nodes(features, node_count, count)
         led = room.run(count, self._load(placed, full, room.call))
         others = np.setdiff1d(np.arange(problem.instance_count), list(points))
         names = (*NODE_FIELDS, *(TOTALS if features.members else ()))
@@ -286,6 +283,22 @@ class BackboneSegments(Segments):
         left = np.array(room.call.node_left.numpy())
         left[others] = np.nan
         return (Shape(**values),), energy, work, lengths, left
+
+    def _room_of_nodes(self, features: Features, node_count: int, count: int) -> Room:
+        """Room for so many segments that write nodes; a small one is kept for the next look at as many nodes."""
+        problem, kept = self.problem, self.problem.instance_count * node_count <= NODES_KEPT
+        capacity = 1 << max(count - 1, 3).bit_length() if kept else count
+        room = self._node_rooms.get((node_count, capacity))
+        if room is None:
+            call = problem.buffers.call(node_count)
+            call.node_rod = 0
+            for name in self.own_arguments:
+                setattr(call.problem, name, getattr(self._call.problem, name))
+            call.wrench = self._call.wrench
+            room = self._make_room(features, call, self.table, capacity, 0)
+            if kept:
+                self._node_rooms[node_count, capacity] = room
+        return room
 
     # ---- stability ----
 
