@@ -357,7 +357,7 @@ class BackboneSegments(Segments):
 
     def _work(self, cuts: Cuts) -> FloatArray:
         """Energy of a unit of what varies, by a unit of its conjugate [N m], shape (count,): ``EI/L``."""
-        return np.asarray(self._force_unit[cuts.instances] * self._scale[cuts.instances])
+        return np.asarray(self._force_unit[cuts.instances])
 
     def _by_work(self, transition: FloatArray, cuts: Cuts) -> FloatArray:
         """Transitions as ``form_by_places`` takes them, by rotations in radians and positions over the length."""
