@@ -297,4 +297,4 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 keep_in(f, j, part_of(f, j) + growth * row(memory, a + wp.static(RATE_AT + j)))
         return f
 
-    return SimpleNamespace(base_rates=base_rates, column_rates=column_rates, put_own=law.put_own)
+    return SimpleNamespace(base_rates=base_rates, column_rates=column_rates, put_own=law.put_own, spring=acting.spring)

@@ -49,7 +49,8 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     CONTROLLED = steps["controlled"]
     Z, STATE, PLACE, COLUMNS, COLUMN_SIZE = memory.STRETCH, memory.STATE, memory.PLACES, memory.COLUMNS, memory.COLUMN_SIZE
     GIVEN, PLACE_SIZE = layout.column.size, layout.place.size
-    HELD, FORCE_AT, SEVERAL = layout.features.held, layout.place["force"], layout.TUBES
+    WAVES, FORCE_AT, SEVERAL = layout.features.held or layout.WORLD_STATE, layout.place["force"], layout.TUBES
+    spring = rate.spring  # None where no load is one
     SOFT_AT = z["softness"] if SEVERAL else z["compliance"]
     base_rates, column_rates, put_own, NODES = rate.base_rates, rate.column_rates, rate.put_own, layout.NODES
     inverse_root = L.power_root(tableau.order)
@@ -97,8 +98,8 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
 
     @wp.func
     def wave_size(memory: memory_type, z: int, a: int) -> Real:
-        """Longest step that follows the columns of a held rod under the force at a place, (20b): control by a straight rod's
-        state does not see them."""
+        """Longest step that follows the columns of a held rod, or of one in a medium, under the force at a place, (20b): control
+        by a straight rod's state does not see them."""
         force = fill(d(0.0))
         for k in range(3):
             n = row(memory, a + wp.static(FORCE_AT) + k)
@@ -106,7 +107,10 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
         soft = row(memory, z + wp.static(SOFT_AT))
         if wp.static(not SEVERAL):  # of the softer of its axes
             soft = largest(soft, row(memory, z + wp.static(SOFT_AT + 1)))
-        wave = root(fill(d(1.0)) / (soft * root(force)))
+        rate = soft * root(force)
+        if wp.static(spring is not None):
+            rate = rate + root(soft * spring(memory, z))
+        wave = root(fill(d(1.0)) / rate)
         return largest(d(WAVE) * wave, d(SHORTEST_WAVE) * row(memory, z + wp.static(UNIT_LENGTH)))
 
     @wp.func
@@ -163,7 +167,7 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
             if wp.static(i == 0):
                 if any_less(size, zero):
                     size = where_less(size, zero, first_size(memory, o, b, f, small), size)
-                if wp.static(HELD):  # but of equal steps
+                if wp.static(WAVES):  # but of equal steps
                     wave = least(wave_size(memory, z, o + wp.static(PLACE)), size)
                     size = where_less(half, row(memory, o + wp.static(CONTROLLED)), wave, size)
                 last = where_less(d(CUT) * size, rest, zero, one)

@@ -50,7 +50,7 @@ class Foundation(Load):
             numbers.memory_type,
             numbers.d,
         )
-        row3, times, dot = numbers.row3, numbers.times, numbers.dot
+        row3, times, dot, largest = numbers.row3, numbers.times, numbers.dot, numbers.largest
         STIFFNESS = numbers.on_stretch("stiffness")
 
         @wp.func
@@ -77,12 +77,18 @@ class Foundation(Load):
             return push(memory, z, departure(ds, dp))
 
         @wp.func
+        def spring(memory: memory_type, z: int) -> Real:
+            """The largest of ``k``."""
+            k = row3(memory, z + wp.static(STIFFNESS))
+            return largest(largest(k.x, k.y), k.z)
+
+        @wp.func
         def energy(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Real:
             """(14e)"""
             way = departure(s, p)
             return d(-0.5) * dot(push(memory, z, way), way)
 
-        return SimpleNamespace(force=force, force_variation=force_variation, energy=energy)
+        return SimpleNamespace(force=force, force_variation=force_variation, spring=spring, energy=energy)
 
     @classmethod
     def loading(cls, grid: SimpleNamespace) -> SimpleNamespace:

@@ -101,7 +101,8 @@ class Load(ABC):
         Returns:
             Where there is a force, ``force(memory, z, a, s, frame, p)`` and ``force_variation(memory, z, a, g, ds, frame, v,
             dphi, dp)``; where there is a moment, ``moment`` and ``moment_variation`` of the same arguments: vectors along the
-            axes of the base. ``frame`` is R, ``dphi`` its rotation along its own axes, ``dp`` and ``ds`` are the changes of p and
+            axes of the base. Optionally ``spring(memory, z)``, the most by which a force grows with the position, which steps
+            that are controlled by their error heed (20b). ``frame`` is R, ``dphi`` its rotation along its own axes, ``dp`` and ``ds`` are the changes of p and
             s, ``v`` is the column. Of what is conservative ``energy(memory, z, a, s, frame, p)``, per length. Of several rods,
             optionally, ``torques(memory, a, f)`` and ``torque_variations(memory, a, g, frame, v, dphi, f)``, which take from the
             rates of their torques what acts on each; else all of a moment about the axis acts on the first.

@@ -130,7 +130,15 @@ def make_acting(layout: Layout, W: int, d) -> SimpleNamespace:
         functions = those_with(name)
         return reduce(chain, functions) if functions else None
 
+    def both_springs(one, other):
+        @wp.func
+        def sum_of(memory: memory_type, z: int) -> Real:
+            return one(memory, z) + other(memory, z)
+
+        return sum_of
+
     return SimpleNamespace(
+        spring=chained("spring", both_springs),
         force=of_all(those_with("force"), both),
         force_variation=of_all_variations(those_with("force_variation")),
         moment=of_all(those_with("moment"), both),
