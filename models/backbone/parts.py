@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray, take
 from multirod.capabilities import Parts
 from multirod.integrators import AdaptiveIntegrator, Integrator
-from multirod.models.backbone.equal_steps import STEPS, at_equal_steps, split
+from multirod.models.backbone.equal_steps import PER_RADIAN, STEPS, at_equal_steps, split
 from multirod.segments import taken
 
 if TYPE_CHECKING:
@@ -36,16 +36,21 @@ class BackboneParts(Parts):
         return self._part(instances, self._followed(instances) or self.problem.integrator.in_double(), True, pieces)
 
     def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102
-        return split(instances, self._straight()[instances].astype(np.intp))
+        return split(instances, self._steps()[instances])
 
     def followed(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
         return self._part(instances, self._followed(instances) or self.problem.integrator.in_double(), True)
 
     def _followed(self, instances: IntArray) -> Integrator | None:
         """What is straight is not seen by step control, however fine it is, until it has buckled."""
-        if self._straight()[instances].all():
-            return at_equal_steps(self.problem.integrator, STEPS)
-        return self._finest()
+        steps = int(self._steps()[instances].max())
+        return at_equal_steps(self.problem.integrator, steps) if steps else self._finest()
+
+    def _steps(self) -> NDArray[np.intp]:
+        """Equal steps that instances are followed at, so many for each wave of a medium; 0 where step control will do, shape
+        (instance_count,)."""
+        waves = np.ceil(PER_RADIAN * self.problem.sizes.waves()).astype(np.intp)
+        return np.where(self._straight(), np.maximum(STEPS, waves), 0)
 
     def _straight(self) -> NDArray[np.bool_]:
         """Which instances are single rods that are straight at rest, shape (instance_count,)."""

@@ -29,7 +29,6 @@ from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import residuals_of, unknowns_of
 from multirod.models.backbone.kernels.layout.members import drive_slices, drives
 from multirod.models.backbone.kernels.layout.rows import INPUT_VECTORS, DesignOffsets, InputOffsets, input_size
-from multirod.models.backbone.kernels.loads.load import Load
 from multirod.models.backbone.members.driven import DrivenLines
 from multirod.models.backbone.nodes.node_passes import NodePasses
 from multirod.models.backbone.parts import BackboneParts
@@ -243,11 +242,6 @@ class BackboneProblem(BoundaryProblem):
     def segments(self) -> BackboneSegments | None:  # noqa: D102
         return None if len(self.rods) > 1 or self.held else self.cut
 
-    @property
-    def _by_place(self) -> list[type[Load]]:
-        """Loads that depend on where the rods are, or whose force depends on how they are turned: then n is a state."""
-        return [load for load in self.features.loads if load.force or load.by_place]
-
     @cached_property
     def cut(self) -> BackboneSegments:
         """The segments of a single rod, for those who know that it is one."""
@@ -255,9 +249,11 @@ class BackboneProblem(BoundaryProblem):
 
     @property
     def may_be_clamped(self) -> bool:
-        """Whether places along it can be clamped: not along several rods, in a medium, or by lines of given length."""
+        """Whether places along it can be clamped: not along several rods, or by lines of given length, nor under forces of whose
+        stability nothing is told."""
         terms = self.features
-        return len(self.rods) == 1 and not (self._by_place or terms.condition_count or terms.friction)
+        told = all(load.convex for load in terms.loads if load.force)
+        return len(self.rods) == 1 and told and not (terms.condition_count or terms.friction)
 
     @cached_property
     def clamps(self) -> BackboneClamps | None:  # noqa: D102

@@ -104,6 +104,11 @@ class Sizes:
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
 
+    def waves(self) -> FloatArray:
+        """Radians along the rods of waves in a medium, ``L (k/EI)^1/4``, at most, shape (instance_count,)."""
+        springs = sum((load.spring_bound(self) for load in self.problem.features.loads), np.zeros(self.problem.instance_count))
+        return np.asarray(self.furthest_end() * (springs / self.least_stiffness) ** 0.25)
+
     def largest(self, load: type[Load], name: str) -> FloatArray:
         """The largest of a parameter of a load that depends on the configuration, of any rod, shape (instance_count,)."""
         column = loads_in_material(self.problem.features)[load] + list(load.parameters).index(name)

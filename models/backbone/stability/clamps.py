@@ -123,7 +123,8 @@ class ClampedBackbones:
             self._launch.launch()
             found, begin = segment.columns.numpy(), columns
             fault = np.maximum(fault, segment.fault.numpy())
-            moved = moved + self._onward(found[:, d:], begin)
+            onward = self._onward(found[:, d:], begin)
+            moved = onward if self._features.loads_by_place else moved + onward
             columns = self._onward(found[:, :d], begin)
             state = np.array(segment.end_state.numpy())
             if last:

@@ -32,7 +32,9 @@ class BackboneConjugates(Conjugates):
         self.problem, device = problem, problem.device
         count, n, terms, places = problem.instance_count, problem.unknown_count, problem.features, problem.rows.places
         whole = np.arange(n)
-        self.forces = np.delete(whole, whole[places["conditions"]])
+        # (7m) a dead force is on the tip of a rod in a medium, wherever that goes
+        given = [places["conditions"], *([] if terms.follower_force else [places["force"]])]
+        self.forces = np.delete(whole, np.concatenate([whole[place] for place in given]))
         m = len(self.forces)
         of = problem if seen is None else seen
 
@@ -76,7 +78,8 @@ class BackboneConjugates(Conjugates):
 
     def _row(self, place: slice) -> int:
         """Where residuals begin among those that are forces; -1 where there are none."""
-        return int(np.flatnonzero(self.forces == place.start)[0]) if place.stop > place.start else -1
+        found = np.flatnonzero(self.forces == place.start) if place.stop > place.start else ()
+        return int(found[0]) if len(found) else -1
 
     def update(self) -> None:  # noqa: D102
         self._launch.launch()

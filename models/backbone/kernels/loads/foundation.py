@@ -35,10 +35,14 @@ class Foundation(Load):
         """How much it bends rods that are not straight, ``k L^4/EI`` times their bend."""
         problem, table = sizes.problem, sizes.problem.arrays
         length = table.end[:, 0, -1]
-        stiffness = table.material[..., MEDIUM : MEDIUM + 3].max(axis=(1, 2, 3)) * length**4
-        stiffness = stiffness / table.material[:, 0, :, :3].min(axis=(1, 2))
+        stiffness = cls.spring_bound(sizes) * length**4 / table.material[:, 0, :, :3].min(axis=(1, 2))
         _, kappa = sizes.by_section
-        return np.asarray(problem.each(stiffness) * np.minimum(kappa.max(axis=(1, 2)) * problem.each(length), 1.0))
+        return np.asarray(stiffness * np.minimum(kappa.max(axis=(1, 2)) * problem.each(length), 1.0))
+
+    @classmethod
+    def spring_bound(cls, sizes) -> FloatArray:
+        """Of a rod in it, of several the most that one brings."""
+        return sizes.problem.each(sizes.problem.arrays.material[..., MEDIUM : MEDIUM + 3].max(axis=(1, 2, 3)))
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:

@@ -72,6 +72,12 @@ class Load(ABC):
         return np.full(sizes.problem.instance_count, np.inf if cls.moment else 0.0)
 
     @classmethod
+    def spring_bound(cls, sizes: "Sizes") -> FloatArray:
+        """The most by which a force per length grows with the position [N/m^2], shape (instance_count,); zero of a law without
+        ``spring``."""
+        return np.zeros(sizes.problem.instance_count)
+
+    @classmethod
     def on_stretch(cls, n: int) -> list[Slot]:
         """What is constant on a stretch, of n rods: the parameters of each rod one after another, zero past its end, then the
         input along the axes of the base."""
@@ -101,11 +107,12 @@ class Load(ABC):
         Returns:
             Where there is a force, ``force(memory, z, a, s, frame, p)`` and ``force_variation(memory, z, a, g, ds, frame, v,
             dphi, dp)``; where there is a moment, ``moment`` and ``moment_variation`` of the same arguments: vectors along the
-            axes of the base. Optionally ``spring(memory, z)``, the most by which a force grows with the position, which steps
-            that are controlled by their error heed (20b). ``frame`` is R, ``dphi`` its rotation along its own axes, ``dp`` and ``ds`` are the changes of p and
+            axes of the base. ``frame`` is R, ``dphi`` its rotation along its own axes, ``dp`` and ``ds`` are the changes of p and
             s, ``v`` is the column. Of what is conservative ``energy(memory, z, a, s, frame, p)``, per length. Of several rods,
             optionally, ``torques(memory, a, f)`` and ``torque_variations(memory, a, g, frame, v, dphi, f)``, which take from the
-            rates of their torques what acts on each; else all of a moment about the axis acts on the first.
+            rates of their torques what acts on each; else all of a moment about the axis acts on the first. Optionally
+            ``spring(memory, z)``, the most by which a force per length grows with the position, which steps that are controlled
+            by their error heed, (20b).
         """
 
     @classmethod
