@@ -173,9 +173,6 @@ def test_what_cannot_be_decided_is_no_result():
     assert limited.status is mr.Status.INTEGRATION_LIMIT
     assert limited.integrations <= 80 + 10  # those that judge come on top, as everywhere
     assert limited.events == ()
-    soft = column(2.0, foundation=1.0)
-    in_a_medium = mr.solve(soft, soft.inputs(tip_force=3 * np.array(press)), solver=PRECISE)
-    assert in_a_medium.status is mr.Status.BRANCH_END
     with pytest.raises(ValueError, match="Shooting.at_fold = 'go' is not allowed"):
         mr.Shooting(at_fold="go")
     with pytest.raises(ValueError, match="Shooting.side = 'left' is not allowed"):

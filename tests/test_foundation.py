@@ -121,7 +121,7 @@ def test_a_batch_is_what_each_is_alone_and_single_precision_agrees():
 
 
 def test_what_is_not_known_is_not_said():
-    robot = curved()
+    robot = tubes()
     solution = mr.solve(robot, robot.inputs(tip_force=FORCE))
     assert str(solution.stability) == "UNKNOWN"
 

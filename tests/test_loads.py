@@ -256,6 +256,15 @@ def test_gamma_and_input_columns_are_exact(name):
     check_exact_columns(robot, robot.inputs(tip_force=FORCE, **inputs))
 
 
+def test_segments_lead_to_where_shooting_does():
+    """Of forces that depend on the frame alone, and on the place too."""
+    for robot in (mr.SingleRod(rod(DRAG)), mr.SingleRod(rod(DRAG, SPRING))):
+        inputs = robot.inputs(tip_force=FORCE, rotation=0.3)
+        by_shooting, by_segments = (mr.solve(robot, inputs, solver=own) for own in (mr.Shooting(), mr.MultipleShooting()))
+        np.testing.assert_allclose(by_segments.tip_position, by_shooting.tip_position, atol=1e-9)
+        np.testing.assert_allclose(by_segments.jacobian("rotation"), by_shooting.jacobian("rotation"), atol=1e-7)
+
+
 def test_energy_changes_with_the_force_by_the_tip():
     robot = mr.SingleRod(rod(SPRING))
     h = 1e-4
@@ -297,6 +306,3 @@ def test_where_loads_are_not_modelled_they_are_refused(tmp_path):
         rod("drag")
     with pytest.raises(ValueError, match=r"no loads of other classes"):
         mr.SingleRod(rod(DRAG)).save(tmp_path / "robot.toml")
-    robot = mr.SingleRod(rod(DRAG))
-    with pytest.raises(ValueError, match=r"Rod.loads is not 0, must be 0: a segment does not know"):
-        mr.solve(robot, solver=mr.MultipleShooting())

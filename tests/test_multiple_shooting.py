@@ -703,9 +703,6 @@ def test_errors(soft, monkeypatch):
     tubes = mr.ConcentricTubes([mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015)] * 2)
     with pytest.raises(ValueError, match="MultipleShooting cannot take this problem: it offers no segments"):
         mr.solve(tubes, solver=mr.MultipleShooting())
-    medium = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, foundation=10.0))
-    with pytest.raises(ValueError, match=r"Rod.foundation is not 0, must be 0"):
-        mr.solve(medium, solver=mr.MultipleShooting())
     for field, value in {"tolerance": 0.0, "max_iterations": 0, "max_continuation_steps": 0, "max_integrations": 0}.items():
         with pytest.raises(ValueError, match=rf"MultipleShooting\.{field} = 0"):
             mr.MultipleShooting(**{field: value})

@@ -1,0 +1,152 @@
+"""Rods in an elastic medium: where they lose stability, against beams and an independent energy; what comes then; many decay
+lengths by multiple shooting."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from medium_energy import MediumEnergy
+from scipy.optimize import brentq
+
+import multirod as mr
+
+EI, GJ, LENGTH = 0.01, 0.008, 0.2
+STIFFNESS = np.array([2 * EI, EI, GJ])  # a strip: it bends about y
+
+
+def strip(foundation, **properties) -> mr.SingleRod:
+    basic = {"length": LENGTH, "bending_stiffness": STIFFNESS[:2], "torsional_stiffness": GJ, "foundation": foundation}
+    return mr.SingleRod(mr.Rod(**basic | properties))
+
+
+def beam_load(k: float, bending: float) -> float:
+    """The least thrust of a cantilever on springs ``k``: ``EI w'''' + P w'' + k w = 0``, its end free under a dead force."""
+
+    def lacking(P):
+        roots = np.roots([bending, 0, P, 0, k])
+        bent = roots**2 * np.exp(roots * LENGTH)
+        sheared = (bending * roots**3 + P * roots) * np.exp(roots * LENGTH)
+        columns = np.array([np.ones(4), roots, bent, sheared]) / np.abs(roots * np.exp(np.abs(roots.real) * LENGTH))
+        # a determinant of powers of the roots: over that of the roots alone it is smooth and real
+        return (np.linalg.det(columns) / np.linalg.det(np.vander(roots / roots[0].__abs__(), increasing=True).T)).real
+
+    loads = np.linspace(0.3, 3, 400) * (np.sqrt(k * bending) + 0.25 * np.pi**2 * bending / LENGTH**2)
+    values = [lacking(P) for P in loads]
+    low, high = next((a, b) for (a, f), (b, g) in pairwise(zip(loads, values, strict=True)) if f * g < 0)
+    return brentq(lacking, low, high, xtol=1e-12)
+
+
+@pytest.mark.parametrize("k", [0.5, 60.0, 3000.0])
+def test_a_column_buckles_in_a_medium_where_a_beam_on_springs_does(k):
+    robot = strip(k)
+    first, second = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), count=2)
+    assert first.load_factor == pytest.approx(beam_load(k, EI), rel=1e-8)
+    assert second.load_factor == pytest.approx(beam_load(k, 2 * EI), rel=1e-8)
+    assert (first.index_after, second.index_after) == (1, 2)
+
+
+def test_a_long_column_buckles_at_its_free_end():
+    """A beam without end on springs, free where it is pressed: ``sqrt(k EI)``, half of what it bears in its middle."""
+    k = 4 * EI * (10 / LENGTH) ** 4  # ten decay lengths: exp(-10) is left
+    robot = strip(k)
+    (first,) = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)))
+    assert first.load_factor == pytest.approx(np.sqrt(k * EI), rel=2e-4)
+
+
+# a bent strip under two loads, and near its equilibria, as mr.equilibria finds them, with their unstable modes
+EQUILIBRIA = {
+    "soft": (
+        (60.0, 30.0, 10.0),
+        (0.3, 0.1, -3.0),
+        {
+            (3.81, -32.2, 1.52, 10.24, 1.46, -27.8): 0,
+            (1.49, 31.83, 3.21, -5.08, 0.97, -27.94): 0,
+            (20.2, 12.66, 5.31, -0.63, 4.84, -28.49): 1,
+            (-20.57, 5.11, -2.8, 1.42, -3.25, -28.64): 1,
+            (-1.71, 1.53, 0.98, 3.06, 0.57, -29.99): 2,
+        },
+    ),
+    "stiff": (
+        (600.0, 1200.0, 130.0),
+        (0.3, 0.1, -6.5),
+        {
+            (2.89, -34.1, 0.01, 52.54, 5.26, -31.66): 0,
+            (-10.64, 25.0, -20.25, -53.54, -55.08, -38.52): 1,
+            (3.15, 1.05, -0.52, -2.38, -16.54, -64.54): 2,
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("name", EQUILIBRIA)
+def test_unstable_modes_are_those_of_an_independent_energy(name):
+    k, force, equilibria = EQUILIBRIA[name]
+    u_star, guesses = (1.3, -1.6, 1.7), np.array(list(equilibria))
+    robot = strip(k, precurvature=u_star)
+    found = mr.solve(robot, robot.inputs(tip_force=np.tile(force, (len(guesses), 1))), guess=guesses).raise_if_failed()
+    np.testing.assert_allclose(found.unknowns, guesses, atol=0.1)
+    energy = MediumEnergy(LENGTH, STIFFNESS, u_star, k, force, 20)
+    for index, own in zip(found.index, found.rod(0, nodes=41).curvature[:, 1::2], strict=True):
+        there, values = energy.stationary(own)
+        assert np.abs(there.reshape(20, 3) - own).max() < 0.1 * np.abs(own).max()  # the same one, on segments
+        assert index == (values < 0).sum()
+    assert found.index.tolist() == list(equilibria.values())
+
+
+@pytest.mark.parametrize("k", [1.0, 400.0, 2e4])
+def test_a_column_goes_on_where_it_buckles(k):
+    robot = strip(k)
+    load = 1.2 * beam_load(k, EI)
+    below, beyond = (mr.solve(robot, robot.inputs(tip_force=(0, 0, -part * load))) for part in (0.8, 1.0))
+    assert below.status is mr.Status.CONVERGED
+    assert below.stability is mr.Stability.STABLE
+    assert beyond.status is mr.Status.BIFURCATED
+    assert beyond.stability is mr.Stability.STABLE
+    (event,) = beyond.events
+    # the medium is raised with the load
+    part = event.load_factor
+    assert part * load == pytest.approx(beam_load(part * k, EI), rel=1e-6)
+    own = beyond.rod(0, nodes=41).curvature[1::2]
+    there, values = MediumEnergy(LENGTH, STIFFNESS, (0, 0, 0), [k] * 3, (0, 0, -load), 20).stationary(own)
+    assert values[0] > 0
+    assert np.abs(there.reshape(20, 3) - own).max() < 0.1 * np.abs(own).max()
+    twin = mr.solve(robot, robot.inputs(tip_force=(0, 0, -load)), solver=mr.Shooting(side="negative"))
+    np.testing.assert_allclose(twin.tip_position, beyond.tip_position * (-1, 1, 1), atol=1e-8)
+
+
+@pytest.mark.parametrize("lengths", [20, 40])
+def test_many_decay_lengths_are_solved_in_segments(lengths):
+    """Where rounding grows by ``exp(20)`` and more; the tip against the beam's closed form, and its derivatives by differences."""
+    k = 4 * EI * (lengths / LENGTH) ** 4
+    robot = strip((k, k, 0.0), bending_stiffness=EI)
+    b, force = lengths / LENGTH, 1e-4 * np.sqrt(k * EI)
+
+    def at(**inputs):
+        solution = mr.solve(robot, robot.inputs(**{"tip_force": (force, 0, 0)} | inputs))
+        # a straight one of 20 lengths rounding leaves to shooting
+        assert solution.status is mr.Status.MULTIPLE_SHOOTING or lengths < 30
+        return solution.raise_if_failed()
+
+    solution = at()
+    assert solution.tip_position[0] == pytest.approx(2 * force * b / k, rel=1e-6)  # the end of a beam without end, to exp(-40)
+    assert solution.stability is mr.Stability.STABLE
+    alone = mr.solve(robot, robot.inputs(tip_force=(force, 0, 0)), solver=mr.MultipleShooting())
+    np.testing.assert_allclose(alone.tip_position, solution.tip_position, atol=1e-12)
+    h = 1e-3 * force
+    for axis, e in enumerate(np.eye(3)):
+        moved = (at(tip_force=(force, 0, 0) + h * e).tip_position - at(tip_force=(force, 0, 0) - h * e).tip_position) / (2 * h)
+        np.testing.assert_allclose(solution.jacobian("tip_force")[:3, axis], moved, atol=1e-6 * b / k)
+    turned = (at(rotation=0.3 + 1e-4).tip_position - at(rotation=0.3 - 1e-4).tip_position) / 2e-4
+    np.testing.assert_allclose(at(rotation=0.3).jacobian("rotation")[:3, 0], turned, atol=1e-7 * LENGTH)
+
+
+def test_what_only_segments_solve_is_judged_as_what_shooting_does():
+    """Of the same equilibria, the form and the energy."""
+    k = (3000.0, 2000.0, 700.0)
+    robot = strip(k, precurvature=(9.0, 2.0, 1.0), linear_density=0.2)
+    inputs = robot.inputs(tip_force=(0.5, -0.3, -4.0), rotation=0.4, gravity=(0, 0, 9.81))
+    by_shooting, by_segments = (mr.solve(robot, inputs, solver=own) for own in (mr.Shooting(), mr.MultipleShooting()))
+    assert by_shooting.status is mr.Status.CONVERGED
+    np.testing.assert_allclose(by_segments.tip_position, by_shooting.tip_position, atol=1e-9)
+    assert by_segments.potential == pytest.approx(by_shooting.potential, rel=1e-8)
+    assert by_segments.stability_margin == pytest.approx(by_shooting.stability_margin, rel=1e-5)
