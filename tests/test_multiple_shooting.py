@@ -15,7 +15,8 @@ from scipy.special import ellipeinc, ellipkinc, ellipkm1
 import multirod as mr
 from multirod import batch
 from multirod.models.backbone.passes.shortcuts import POSES_APART
-from multirod.models.backbone.segments.segments import BackboneSegments, largest_singular_value
+from multirod.models.backbone.segments.growth import largest_singular_value
+from multirod.models.backbone.segments.segments import BackboneSegments
 from multirod.recording.samples import first_instances
 from multirod.results.segment_system import System
 from multirod.segments import Breakpoints, Cuts, Propagation

@@ -78,7 +78,7 @@ class HeldSegments(BackboneSegments):
         rod = held.rod
         super().__init__(rod)
         self.held = held
-        count, device, call = held.instance_count, held.device, self._call
+        count, device, call = held.instance_count, held.device, self.call
         self.table = rod.buffers.table()  # whose base is as its holder: what turns in a joint there are states
         own_size = self._varied.size  # of variations as the kernel has them
         self._position = slice(own_size, own_size + 3)
@@ -243,7 +243,7 @@ class HeldSegments(BackboneSegments):
         result = np.zeros((len(chosen), 15, d + K))
         result[:, :3] = scale**2 * base @ transition[last][:, self._position]
         result[:, 3:6] = scale * (base @ tip) @ transition[last][:, self._rotation]
-        wrench = self._call.wrench.columns.numpy()[chosen]
+        wrench = self.call.wrench.columns.numpy()[chosen]
         result[:, 6:12, :own_size] = wrench[:, :, :own_size]
         result[:, 6:12, d:] = wrench[:, :, own_size : own_size + K]
         if self._base_moment.stop > self._base_moment.start:
@@ -253,7 +253,7 @@ class HeldSegments(BackboneSegments):
     def _residual(self, cuts: Cuts, end: FloatArray, at_tip: FloatArray, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(5), (7), (8), (11) and their columns as ``Propagation`` has them, but by the state of the base where there is one
         segment."""
-        held, call, chosen, d, K = self.held, self._call, cuts.instances, self.variation_size, self.direction_count
+        held, call, chosen, d, K = self.held, self.call, cuts.instances, self.variation_size, self.direction_count
         count, m, own_size = len(chosen), held.rod.unknown_count, self._varied.size
         residual, columns = np.zeros((count, held.unknown_count)), np.zeros((count, held.unknown_count, d + K))
         last = cuts.first[1:] - 1
@@ -313,7 +313,7 @@ class HeldSegments(BackboneSegments):
         """Force and moment on the tips of these instances, in the world, shape (len(points), 6)."""
         cuts = Cuts.of_points(points)
         self.propagate(cuts, np.ones(len(points)))
-        return np.array(self._call.wrench.values.numpy()[cuts.instances])
+        return np.array(self.call.wrench.values.numpy()[cuts.instances])
 
     def condensed_form(self, points: dict[int, Breakpoints]) -> CondensedForm:
         """(12), (14) As a function of the angles of the base's joint, then the moment and the force on the tip."""
@@ -344,7 +344,7 @@ class HeldSegments(BackboneSegments):
         R = self._base(chosen)[0]
         frames, ends = (R[cuts.owner] @ self._matrices(states) for states in (cuts.states, found["end_state"]))
         scale, stiffness = self._scale[chosen], self.held.stiffness[chosen]
-        moment = self._call.wrench.values.numpy()[chosen, 3:]
+        moment = self.call.wrench.values.numpy()[chosen, 3:]
         units = HeldUnits(self._stiffness[chosen], scale, stiffness, R)
         form.put(np.flatnonzero(few), compliance_by_segments(T, frames, ends, first, units, moment))
         return form

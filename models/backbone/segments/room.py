@@ -14,7 +14,9 @@ from multirod.models.backbone.passes.lane_pass import deal, own, threads, width
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
+    from multirod.models.backbone.segments.segments import BackboneSegments
 
+NODES_KEPT = 1024  # of all instances, of a launch over nodes that is kept for the next
 STEPS_ALLOWED = 16384  # of a segment: numbers that overflow on its equal steps would go on by ever shorter ones
 WHOLE = ("instance", "at_tip", "steps", "fault")  # numbers of a segment
 FOUND = ("end_state", "columns", "fault", "energy", "work", "line_length")
@@ -92,3 +94,28 @@ class Room:
         if self._views:
             return {name: self._views[name][:count].copy() for name in FOUND}
         return {name: self._arrays[name].numpy()[:count] for name in FOUND}
+
+
+class NodeRooms:
+    """Rooms of segments that write nodes; small ones are kept for the next look at as many nodes."""
+
+    def __init__(self, segments: "BackboneSegments") -> None:
+        self._segments = segments
+        self._rooms: dict[tuple[int, int], Room] = {}
+
+    def of(self, features: Features, node_count: int, count: int) -> Room:
+        """Room for so many segments."""
+        segments, problem = self._segments, self._segments.problem
+        kept = problem.instance_count * node_count <= NODES_KEPT
+        capacity = 1 << max(count - 1, 3).bit_length() if kept else count
+        room = self._rooms.get((node_count, capacity))
+        if room is None:
+            call = problem.buffers.call(node_count)
+            call.node_rod = 0
+            for name in segments.own_arguments:
+                setattr(call.problem, name, getattr(segments.call.problem, name))
+            call.wrench = segments.call.wrench
+            room = segments.make_room(features, call, segments.table, capacity, 0)
+            if kept:
+                self._rooms[node_count, capacity] = room
+        return room

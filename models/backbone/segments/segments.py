@@ -13,7 +13,8 @@ from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, residuals_of, unknowns_of
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
-from multirod.models.backbone.segments.room import Room
+from multirod.models.backbone.segments.growth import largest_singular_value
+from multirod.models.backbone.segments.room import NodeRooms, Room
 from multirod.models.backbone.stability.condensing.by_segments import form_by_places, form_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, CondensedForm, segments_needed
 from multirod.models.backbone.stability.condensing.tensions import without_tensions
@@ -28,7 +29,6 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
-NODES_KEPT = 1024  # of all instances, of a launch over nodes that is kept for the next
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
 
 
@@ -56,8 +56,8 @@ class BackboneSegments(Segments):
         self._rows = residuals_of(self._varied)
         count, m = problem.instance_count, self._rows.size
         self.device = device = problem.device
-        self._call: Struct = problem.buffers.call()
-        own = self._call.problem
+        self.call: Struct = problem.buffers.call()
+        own = self.call.problem
         own.load_factor = wp.ones(count, dtype=wp.float64, device=device)
         own.unknowns = wp.zeros((count, d), dtype=wp.float64, device=device)
         own.residual = wp.zeros((count, m), dtype=wp.float64, device=device)
@@ -76,11 +76,11 @@ class BackboneSegments(Segments):
         self._added = np.concatenate([np.arange(d)[self._varied.places[str(slot.seed)]] for slot in added])
         # (12) of docs/stability.md: what works on what, first what follows, then what is given
         names = ("moment", "lengths", "rotation", "drives")
-        # (5d) force and position vary along the axes of the rod at its base
+        # (5d) of docs/solvers.md: force and position vary along the axes of the rod at its base
         self._force_unit = np.broadcast_to(problem.arrays.material[:, 0, 0, :2].max(axis=1) / self._scale, (count,))
         self._conjugates = np.concatenate([np.arange(d)[self._varied.places[name]] for name in names])
         self._rooms: dict[int, Room] = {}
-        self._node_rooms: dict[tuple[int, int], Room] = {}
+        self._node_rooms = NodeRooms(self)
 
     @property
     def direction_count(self) -> int:  # noqa: D102
@@ -100,7 +100,7 @@ class BackboneSegments(Segments):
         state[:, self._state.places["grips"]] = 1.0
         if self.features.world_force_is_state:
             force = unknowns[:, -3:] * self._force_unit[instances, None]  # (13)
-            state[:, self._state.places["world_force"]] = _turned(self._axes(instances), force)
+            state[:, self._state.places["world_force"]] = np.einsum("kij,kj->ki", self._axes(instances), force)
         return state
 
     def difference(self, instances: IntArray, states: FloatArray, others: FloatArray) -> FloatArray:  # noqa: D102
@@ -111,7 +111,7 @@ class BackboneSegments(Segments):
         result[:, self._added] = (states[:, self._sums] - others[:, self._sums]) / self._units[instances]
         for slot, variation, unit in self._along_base(instances):
             apart = states[:, slot] - others[:, slot]
-            result[:, variation] = _turned(self._axes(instances).swapaxes(1, 2), apart) / unit[:, None]
+            result[:, variation] = np.einsum("kji,kj->ki", self._axes(instances), apart) / unit[:, None]
         return result
 
     def moved(self, instances: IntArray, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
@@ -121,7 +121,7 @@ class BackboneSegments(Segments):
         result[:, self._state.places["frame"]] = quaternion_product(self._quaternions(states), turn)
         result[:, self._sums] += self._units[instances] * variations[:, self._added]
         for slot, variation, unit in self._along_base(instances):
-            result[:, slot] += _turned(self._axes(instances), unit[:, None] * variations[:, variation])
+            result[:, slot] += np.einsum("kij,kj->ki", self._axes(instances), unit[:, None] * variations[:, variation])
         return result
 
     def _along_base(self, instances: IntArray) -> list[tuple[slice, slice, FloatArray]]:
@@ -153,8 +153,9 @@ class BackboneSegments(Segments):
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             size = np.sqrt((q**2).sum(axis=1, keepdims=True))
             sound = (size > 0) & (size < np.inf)
-            # no turn where an integration failed
-            return np.asarray(q / size if sound.all() else np.where(sound, q / size, (0.0, 0.0, 0.0, 1.0)))
+            return np.asarray(
+                q / size if sound.all() else np.where(sound, q / size, (0.0, 0.0, 0.0, 1.0))
+            )  # no turn where one failed
 
     def _matrices(self, states: FloatArray) -> FloatArray:
         """Frames of states as rotation matrices (count, 3, 3)."""
@@ -184,10 +185,10 @@ class BackboneSegments(Segments):
         """What a launch over all segments finds."""
         self.problem.heed_stop()
         count = len(cuts.start)
-        return self._room(count, table).run(count, self._load(cuts, level, self._call))
+        return self._room(count, table).run(count, self._load(cuts, level, self.call))
 
     def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct) -> Propagation:
-        own, d = self._call.problem, self.variation_size
+        own, d = self.call.problem, self.variation_size
         found = self._launched(cuts, level, table)
         end, values = found["end_state"], found["columns"]
         position = self._state.places["position"]
@@ -208,12 +209,13 @@ class BackboneSegments(Segments):
         capacity = 1 << max(count - 1, 3).bit_length()
         room = self._rooms.get(capacity)
         if room is None or room.table is not table:
-            room = self._make_room(self.features, self._call, table, capacity, self._varied.size)
+            room = self.make_room(self.features, self.call, table, capacity, self._varied.size)
             if table is self.table:
                 self._rooms[capacity] = room
         return room
 
-    def _make_room(self, features: Features, call: Struct, table: Struct, capacity: int, columns: int) -> Room:
+    def make_room(self, features: Features, call: Struct, table: Struct, capacity: int, columns: int) -> Room:
+        """Room for so many segments, with columns by so many numbers of their states."""
         return Room(self.problem, features, call, table, capacity, columns, self.direction_count, self.given_at_base)
 
     # ---- results ----
@@ -267,7 +269,7 @@ class BackboneSegments(Segments):
         features = replace(self.features, **options)
         problem.heed_stop()
         count = len(placed.start)
-        room = self._room_of_nodes(features, node_count, count)
+        room = self._node_rooms.of(features, node_count, count)
         led = room.run(count, self._load(placed, full, room.call))
         others = np.setdiff1d(np.arange(problem.instance_count), list(points))
         names = (*NODE_FIELDS, *(TOTALS if features.members else ()))
@@ -283,22 +285,6 @@ class BackboneSegments(Segments):
         left = np.array(room.call.node_left.numpy())
         left[others] = np.nan
         return (Shape(**values),), energy, work, lengths, left
-
-    def _room_of_nodes(self, features: Features, node_count: int, count: int) -> Room:
-        """Room for so many segments that write nodes; a small one is kept for the next look at as many nodes."""
-        problem, kept = self.problem, self.problem.instance_count * node_count <= NODES_KEPT
-        capacity = 1 << max(count - 1, 3).bit_length() if kept else count
-        room = self._node_rooms.get((node_count, capacity))
-        if room is None:
-            call = problem.buffers.call(node_count)
-            call.node_rod = 0
-            for name in self.own_arguments:
-                setattr(call.problem, name, getattr(self._call.problem, name))
-            call.wrench = self._call.wrench
-            room = self._make_room(features, call, self.table, capacity, 0)
-            if kept:
-                self._node_rooms[node_count, capacity] = room
-        return room
 
     # ---- stability ----
 
@@ -345,7 +331,9 @@ class BackboneSegments(Segments):
         frames, ends = (base @ self._matrices(states) for states in (cuts.states, found.end))
         unit = self._stiffness[cuts.instances] / self._scale[cuts.instances, None]
         if problem.features.loads_by_place:
-            form.put(np.flatnonzero(few), form_by_places(self._by_work(found.transition, cuts), ends, cuts.first, self._work(cuts)))
+            form.put(
+                np.flatnonzero(few), form_by_places(self._by_work(found.transition, cuts), ends, cuts.first, self._work(cuts))
+            )
             return form
         own, W = form_by_segments(
             found.transition[:, self._conjugates[:, None], self._conjugates], frames, ends, cuts.first, unit
@@ -400,33 +388,6 @@ class BackboneSegments(Segments):
         taut = self.problem.lines.taut()[cuts.instances]
         own, size = W[:, 3:, 3:] - stretch, np.ones(len(last))
         return without_tensions(form, W[:, :3, 3:], W[:, 3:, :3], own, size, taut)
-
-
-def _turned(frames: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Vectors (count, 3) turned by matrices (count, 3, 3)."""
-    return np.asarray((frames @ vectors[:, :, None])[..., 0])
-
-
-def largest_singular_value(blocks: FloatArray) -> FloatArray:
-    """Of matrices (count, 3, 3), shape (count,): by the largest root of the characteristic polynomial of ``A^T A``.
-
-    NaN where one has numbers that are not finite.
-    """
-    scale = np.abs(blocks).max(axis=(1, 2))
-    sound = np.isfinite(scale)
-    A = np.where(sound[:, None, None], blocks, np.nan) / np.where(sound & (scale > 0), scale, 1.0)[:, None, None]
-    B = A.swapaxes(1, 2) @ A
-    mean = np.trace(B, axis1=1, axis2=2) / 3
-    B[:, range(3), range(3)] -= mean[:, None]
-    spread = np.sqrt((B**2).sum(axis=(1, 2)) / 6)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cosine = np.nan_to_num(_determinant(B / spread[:, None, None]) / 2)
-    return np.asarray(scale * np.sqrt(mean + 2 * spread * np.cos(np.arccos(np.clip(cosine, -1.0, 1.0)) / 3)))
-
-
-def _determinant(B: FloatArray) -> FloatArray:
-    """Of matrices (count, 3, 3)."""
-    return np.asarray(np.einsum("ki,ki->k", B[:, 0], np.cross(B[:, 1], B[:, 2])))
 
 
 def _added_up(values: FloatArray, cuts: Cuts) -> FloatArray:

@@ -78,8 +78,8 @@ class BackboneConjugates(Conjugates):
 
     def _row(self, place: slice) -> int:
         """Where residuals begin among those that are forces; -1 where there are none."""
-        found = np.flatnonzero(self.forces == place.start) if place.stop > place.start else ()
-        return int(found[0]) if len(found) else -1
+        found = np.flatnonzero(self.forces == place.start)
+        return int(found[0]) if place.stop > place.start and found.size else -1
 
     def update(self) -> None:  # noqa: D102
         self._launch.launch()

@@ -76,8 +76,10 @@ class BackboneStability(StabilityAnalysis):
         """Whether forces depend on the configuration in a way of which stability is not told."""
         problem = self.problem
         known = len(problem.rods) == 1 and not problem.features.condition_count
-        return not known and problem.features.world_force_is_state or not all(
-            load.convex for load in problem.features.loads if load.force
+        return (
+            not known
+            and problem.features.world_force_is_state
+            or not all(load.convex for load in problem.features.loads if load.force)
         )
 
     def potential(self) -> FloatArray:  # noqa: D102
@@ -193,9 +195,7 @@ class BackboneStability(StabilityAnalysis):
         everyone, unknowns = np.arange(problem.instance_count), problem.read("unknowns")
         length, states = cut.length(everyone), cut.base_state(everyone, unknowns)
         steps = np.array([problem.integrator.steps or 0], dtype=np.int32)
-        points = {
-            k: Breakpoints(np.array([0.0, length[k]]), states[k : k + 1], unknowns[k], steps) for k in everyone.tolist()
-        }
+        points = {k: Breakpoints(np.array([0.0, length[k]]), states[k : k + 1], unknowns[k], steps) for k in everyone.tolist()}
         return cut.condensed_form(points | problem.breakpoints)
 
     def by_breakpoints(self) -> CondensedForm:

@@ -125,9 +125,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         return y
 
     @wp.func
-    def varied(
-        rods: wp.ref[RodTable], case: wp.ref[Instance], base: wp.vec4d, y: State, known: Column, k: int
-    ) -> Column:
+    def varied(rods: wp.ref[RodTable], case: wp.ref[Instance], base: wp.vec4d, y: State, known: Column, k: int) -> Column:
         """(15), (18b) Column k by what varies where a segment begins: the moment, the rotation, the position along the axes of
         the rod at its ``base``, a length or a grip.
         """

@@ -64,9 +64,7 @@ def form_by_segments(
     return CondensedForm(W[:, :3, :3].copy(), conjugate, known), W
 
 
-def form_by_places(
-    transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray
-) -> CondensedForm:
+def form_by_places(transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray) -> CondensedForm:
     """(22), (23) ``form_by_segments`` of rods on which forces act that depend on where they are.
 
     Args:
