@@ -1,7 +1,10 @@
 """The first solve of a scene from an empty kernel cache, and what is asked of it then, each in a process of its own: processor
 time and wall.
 
-python tests/benchmarks/first_call.py [--rounds N]
+With ``--optimization 0`` kernels are generated and compiled, and not optimised: what is left is what no choice of optimisations
+can take less than.
+
+python tests/benchmarks/first_call.py [--rounds N] [--optimization LEVEL]
 """
 
 import argparse
@@ -36,8 +39,9 @@ CASES = {
 }
 
 
-def run(code: str, cache: str) -> tuple[float, float]:
+def run(code: str, cache: str, optimization: int | None) -> tuple[float, float]:
     """Processor time and wall time of a Python program [s]."""
+    code = f"import warp\nwarp.config.optimization_level = {optimization}\n{code}" if optimization is not None else code
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), perf_counter()
     environment = os.environ | {"WARP_CACHE_PATH": cache}
     subprocess.run([sys.executable, "-c", "import multirod as mr\n" + code], env=environment, check=True, capture_output=True)
@@ -49,14 +53,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=3)
-    rounds = parser.parse_args(arguments).rounds
+    parser.add_argument("--optimization", type=int, choices=range(4), help="Clang's level; Warp's own by default, 2")
+    options = parser.parse_args(arguments)
     print(f"{'':48}{'processor time':>24}{'wall':>18}{'again':>8}{'stood before':>14}{'goal':>8}")
     for name, (code, before, goal) in CASES.items():
         times, again = [], []
-        for _ in range(rounds):
+        for _ in range(options.rounds):
             with tempfile.TemporaryDirectory() as cache:
-                times.append(run(code, cache))
-                again.append(run(code, cache)[0])
+                times.append(run(code, cache, options.optimization))
+                again.append(run(code, cache, options.optimization)[0])
         cpu, wall = np.array(times).T
         spread = f"{np.median(cpu):.2f} s ({cpu.min():.2f} to {cpu.max():.2f})"
         print(f"{name:48}{spread:>24}{np.median(wall):>16.2f} s{np.median(again):>6.2f} s{before:>14}{goal:>8}")
