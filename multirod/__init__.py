@@ -67,7 +67,8 @@ if _typing.TYPE_CHECKING:
     from multirod.studies.sweeps import Study, sweep
     from multirod.studies.terms import Dropped, Explanation, Term, explain
     from multirod.studies.tradeoffs import Measured, Tradeoff, tradeoff, tune
-    from multirod.tasks.controlling.controller import Command, Controller
+    from multirod.tasks.controlling.command import Command
+    from multirod.tasks.controlling.controller import Controller
     from multirod.tasks.estimating.calibrate import Calibration, calibrate
     from multirod.tasks.estimating.estimate import Estimate, estimate
     from multirod.tasks.estimating.estimator import Estimator
@@ -212,7 +213,8 @@ _PUBLIC = {
     "tasks.estimating.estimate": "Estimate estimate",
     "tasks.estimating.estimator": "Estimator",
     "tasks.estimating.priors": "Prior Walk",
-    "tasks.controlling.controller": "Command Controller",
+    "tasks.controlling.command": "Command",
+    "tasks.controlling.controller": "Controller",
     "tasks.limits": "Limits",
     "tasks.reaching.reach": "Reached reach",
     "tasks.rows": "Pose",

@@ -51,6 +51,28 @@ def test_a_moving_target_is_followed_without_lag_by_one_integration_a_sample(sta
     assert np.sqrt(np.mean(np.square(off[3:]))) < 5e-8
 
 
+def test_a_target_in_a_picture_is_followed_without_lag(start):
+    """Two rows: nothing is asked for along the direction of the picture, of the offset by what is measured neither."""
+    direction = np.array([1.0, 0.3, -0.2]) / np.linalg.norm([1.0, 0.3, -0.2])
+    path, loop, off = figure_of_eight(start, 200), loop_of(start, 200), []
+    for k, y in enumerate(path[:40]):
+        command = loop.step(position=y + np.sin(k) * direction, across=direction)
+        assert command.status is mr.Status.TRACKING
+        assert int(command.integrations) == 1
+        there = solved(command.inputs, command).tip_position - y
+        off.append(np.linalg.norm(there - there @ direction * direction))
+        assert command.target_error < 1e-9
+    assert max(off[4:]) < 2e-7  # as of a position
+    seen = solved(command.inputs, command).tip_position + (0, 0, 1e-3)
+    for _ in range(60):
+        command = loop.step(position=path[39], across=direction, measured_position=seen)
+        seen = solved(command.inputs, command).tip_position + (0, 0, 1e-3)
+    left = seen - path[39]
+    assert np.linalg.norm(left - left @ direction * direction) < 1e-6  # the offset is corrected across it
+    with pytest.raises(ValueError, match="across"):
+        loop.step(axis=direction, across=direction)
+
+
 def test_pose_and_axis_are_followed_too(start):
     loop = loop_of(start, 200)
     axis = start.tip_rotation[:, 2]

@@ -127,9 +127,9 @@ def test_where_a_limit_holds_every_way_that_it_leaves_leads_away(start):
     assert found.status is mr.Status.AT_LIMIT
     assert not found.failed
     assert found.at_limit[3:].any()
-    held = [f"{name}[{k}]" for name in FREE for k in range(3)]
-    said = ", ".join(np.array(held)[found.at_limit])
-    assert f"target_error {float(found.target_error):.3g} m, at_limit {said}, residual" in repr(found)
+    said = ", ".join(found.held_by)
+    assert {"rotation[0]", "translation[1] - translation[0]"} <= set(found.held_by)
+    assert f"target_error {float(found.target_error):.3g} m, held_by {said}, residual" in repr(found)
     assert f"{said}</td>" in found._repr_html_()
     away = (found.tip_position - target) / np.linalg.norm(found.tip_position - target)
     assert float(found.target_error) == pytest.approx(np.linalg.norm(found.tip_position - target), rel=1e-9)
@@ -334,6 +334,31 @@ def test_it_goes_along_limits_of_the_shape(start):
     assert (found.status == mr.Status.REACHED).all()
     assert (found.stability_margin >= limits.stability_margin).all()
     np.testing.assert_allclose(found.tip_position, target, atol=1e-6)
+
+
+def test_pictures_lead_along_limits_of_the_shape_too_and_what_holds_is_named(start):
+    """A straight way leads beyond the limit; at it, what is free has nothing left that comes nearer."""
+    limits = mr.Limits(translation=(-0.19, 0), gap=2e-3, stability_margin=0.97 * float(start.stability_margin))
+    direction = np.array([0.3, -0.2, 1.0]) / np.linalg.norm([0.3, -0.2, 1.0])
+    ways = 2.5 * np.array([(-0.0193, 0.0125, 0.0165), (0.0143, -0.0187, 0.0092)])
+    target = mr.Pose(position=start.tip_position + ways, across=direction)
+    plain = mr.reach(TUBES, target, free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
+    assert (plain.status == mr.Status.REACHED).all()
+    assert (plain.stability_margin < limits.stability_margin).all(), "no limit is in the way"
+    found = mr.reach(TUBES, target, free=FREE, limits=limits, guess=start, solver=SOLVER)
+    assert found.status.tolist() == [mr.Status.REACHED, mr.Status.AT_LIMIT]
+    assert (found.stability_margin >= limits.stability_margin).all()
+    off = found.tip_position - target.position
+    off -= (off @ direction)[:, None] * direction
+    np.testing.assert_allclose(np.linalg.norm(off, axis=1), found.target_error, atol=1e-7)
+    assert found.target_error[0] < 1e-6
+    assert found.target_error[1] < 0.8 * np.linalg.norm(ways[1] - ways[1] @ direction * direction)  # it slid along the limit
+    assert found.held_by[1] == ("stability_margin",)
+    assert found.at_limit[1].any()
+    assert found.held_by[0] == ()
+    assert not found.at_limit[0].any()
+    assert found[1].held_by == ("stability_margin",)
+    assert "stability_margin" in repr(found[1])
 
 
 def test_six_legs_reach_poses_by_their_translations_alone(hexapod_start):

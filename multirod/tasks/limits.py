@@ -72,7 +72,12 @@ class Limits:
     @property
     def of_shape(self) -> bool:
         """Whether shapes are limited too."""
-        return self.curvature is not None or self.stability_margin is not None
+        return bool(self.shape_names)
+
+    @property
+    def shape_names(self) -> tuple[str, ...]:
+        """Names of the limits of shapes that there are."""
+        return tuple(name for name in ("curvature", "stability_margin") if getattr(self, name) is not None)
 
     def __repr__(self) -> str:
         values = {"gap": self.gap, "curvature": self.curvature, "stability_margin": self.stability_margin}
@@ -158,12 +163,12 @@ def freed_labels(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
     return [f"{name}[{j}]" if size > 1 else name for name, size in zip(free, sizes, strict=True) for j in range(size)]
 
 
-def told(error: float, angle: float, at_limit: str) -> dict[str, str]:
+def told(error: float, angle: float, held_by: Sequence[str]) -> dict[str, str]:
     """How near a single result came to its target, for people; what is NaN was not asked for."""
     parts = {
         "target_error": f"{error:.3g} m" if np.isfinite(error) else "",
         "target_angle": f"{angle:.3g} rad" if np.isfinite(angle) else "",
-        "at_limit": at_limit,
+        "held_by": ", ".join(held_by),
     }
     return {name: text for name, text in parts.items() if text}
 

@@ -104,6 +104,11 @@ class Pose:
             refuse("Pose", Described(f"leading axes {[v.shape[:-t] for v, t in self._parts()]}"), "must broadcast")
 
     @property
+    def given(self) -> tuple[str, ...]:
+        """Names of what it has, of ``PARTS``."""
+        return _given(self)
+
+    @property
     def measures(self) -> bool:
         """Whether it says how sure it is, as a measurement does."""
         return self.whitening is not None
@@ -155,7 +160,7 @@ class Pose:
         )
 
     def __repr__(self) -> str:
-        names = [name for name in PARTS if getattr(self, name) is not None] + ["sigma"] * self.measures
+        names = [*self.given, *["sigma"] * self.measures]
         where = [] if self.at is None else [f"at {self.at:g} m of rod {self.rod!r}"]
         return f"Pose({', '.join(names + where)}; {self.count} rows, batch {self.batch_shape})"
 
@@ -186,6 +191,11 @@ class PoseRows:
     def kind(self) -> Kind:
         """What they have, as kernels read it."""
         return _kind(self)
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of what they have, of ``PARTS``."""
+        return _given(self)
 
     @property
     def count(self) -> int:
@@ -237,6 +247,10 @@ class PoseRows:
         if self.whitening is not None:
             errors, maps = errors @ self.whitening.T, self.whitening @ maps
         return errors, maps
+
+
+def _given(parts: "Pose | PoseRows") -> tuple[str, ...]:
+    return tuple(name for name in PARTS if getattr(parts, name) is not None)
 
 
 def _kind(parts: "Pose | PoseRows") -> Kind:

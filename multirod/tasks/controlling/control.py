@@ -38,8 +38,8 @@ class ControlStep:
         shaped: Rows of limits of the shape beside ``rows``, which ``limit_shape`` sets.
 
     Attributes:
-        given: By name what to write before ``launch``: ``position``, ``rotation``, ``axis``, ``seen_position``,
-            ``seen_rotation``, and ``seen``, of both 0, 1 for measured, -1 for missing.
+        given: By name what to write before ``launch``: ``position``, ``rotation``, ``axis``, ``across``,
+            ``seen_position``, ``seen_rotation``, and ``seen``, of both 0, 1 for measured, -1 for missing.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class ControlStep:
         self._whole, self._watch = task, watch
         self._problem, device = problem, problem.device
         self._rows, self._unit, self._weight, self._gains = rows, unit, weight, gains
-        vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d}
+        vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
         vectors |= {"seen_position": wp.vec3d, "seen_rotation": wp.mat33d}
         self._given = {name: Shared((1,), dtype, device) for name, dtype in vectors.items()}
         self._given["seen"] = Shared((1, 2), wp.int32, device)
@@ -193,9 +193,10 @@ class ControlStep:
             back @ given["rotation"] if rotation_given else None,
             back @ given["axis"] if axis_given else None,
             np.ones(2),
+            given["across"] if self._kind[0] == 2 else None,
         )
         left = target.errors(position, rotation.reshape(1, 3, 3))[0][0]
-        first = 3 * position_given
+        first = target.position_rows
         distance, angle = np.linalg.norm(left[:first]), np.linalg.norm(left[first:])
         return (float(distance) if position_given else np.nan), (float(angle) if rotation_given or axis_given else np.nan)
 

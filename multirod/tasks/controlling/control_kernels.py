@@ -8,7 +8,7 @@ import warp as wp
 from multirod.kernels.failure_kernels import failure_of
 from multirod.models.rotation_kernels import rotation_from_vector, rotation_vector
 from multirod.status import Status
-from multirod.tasks.condensed_kernels import across, axis_rows, condense, position_rows, rotation_rows, tilt
+from multirod.tasks.condensed_kernels import across, axis_rows, condense, position_rows, rotation_rows, sighted_rows, tilt
 from multirod.tasks.controlling.control_step_kernels import LEFT_OVER, ON_TARGET, Control, bounded, factor, place_start
 from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, strayed
 
@@ -36,13 +36,20 @@ def measure(s: Control, t: int):
 
 
 @wp.func
+def first_of_angles(s: Control) -> int:
+    """How many rows a position has."""
+    return wp.where(s.kind[0] == 2, 2, 3 * s.kind[0])
+
+
+@wp.func
 def place_target(s: Control, t: int):
     """(3) Rows of the target of the model, whose robot is off it."""
     back = rotation_from_vector(-s.offset[t, 1])
-    row = int(0)
-    if s.kind[0] != 0:
-        position_rows(s.task, s.step.r, s.step.J, t, row, s.position[t] - s.offset[t, 0], s.weight[0])
-        row += 3
+    row = first_of_angles(s)
+    if s.kind[0] == 1:
+        position_rows(s.task, s.step.r, s.step.J, t, 0, s.position[t] - s.offset[t, 0], s.weight[0])
+    if s.kind[0] == 2:
+        sighted_rows(s.task, s.step.r, s.step.J, t, 0, s.position[t] - s.offset[t, 0], s.across[t], s.weight[0])
     if s.kind[1] != 0:
         rotation_rows(s.task, s.step.r, s.step.J, t, row, back * s.rotation[t], s.weight[1])
     if s.kind[2] != 0:
@@ -83,11 +90,12 @@ def expect(s: Control, t: int) -> bool:
     by = f64(2.0) * turn - s.motion[t, 1]
     s.motion[t, 0] = move
     s.motion[t, 1] = turn
-    row = int(0)
-    if s.kind[0] != 0:
-        for i in range(3):
-            s.ahead[t, i] = -s.weight[0] * to[i]
-        row = 3
+    row = first_of_angles(s)
+    aside = to
+    if s.kind[0] == 2:
+        aside = across(s.across[t]) * to
+    for i in range(row):
+        s.ahead[t, i] = -s.weight[0] * aside[i]
     if s.kind[1] != 0:
         for i in range(3):
             s.ahead[t, row + i] = -s.weight[1] * by[i]
@@ -138,7 +146,7 @@ def tell(s: Control, t: int):
     k = s.step.J.shape[2]
     short = f64(0.0)
     asked = f64(0.0)
-    first = wp.where(s.kind[0] != 0, 3, 0)
+    first = first_of_angles(s)
     off = f64(0.0)
     angle = f64(0.0)
     for i in range(m):

@@ -1,13 +1,11 @@
 """A robot's inputs along a moving target, one integration a sample. Numbers in parentheses: ``docs/tasks.md``."""
 
 from collections.abc import Sequence
-from functools import cached_property
 from math import exp, hypot
 from threading import Lock
 from typing import Any, Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Robot_co
@@ -15,7 +13,6 @@ from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
 from multirod.launch import expect
-from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.running.plain import PlainInputs
@@ -24,97 +21,25 @@ from multirod.running.tracker import Unpack
 from multirod.solver import Outcome
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status
+from multirod.tasks.controlling.command import Command
 from multirod.tasks.controlling.control import ControlStep
-from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, OFFSET, SINGULAR, TARGET, make_control
+from multirod.tasks.controlling.control_kernels import make_control
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import plain, turned
-from multirod.tasks.limits import ROUNDING_BEYOND, LimitRows, Limits, limit_rows, nearest, refuse_start, told
-from multirod.tasks.rows import SMALLEST_AXIS, Kind, Pose
+from multirod.tasks.limits import ROUNDING_BEYOND, Limits, limit_rows, nearest, refuse_start
+from multirod.tasks.rows import PARTS, SMALLEST_AXIS, Kind, Pose
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse, unknown_names
 
 LAG = 5.0  # samples, of the correction by default
-OWN = "position", "rotation", "axis", "measured_position", "measured_rotation"  # of a sample, beside inputs
+OWN = *PARTS, "measured_position", "measured_rotation"  # of a sample, beside inputs
 # shared by all samples
 CODES: list[Any] = [frozen(np.array([code], dtype=np.int32)) for code in range(max(Status) + 1)]
 THE_ONE = np.arange(1)  # the number of the only instance
 ONCE, TWICE = (frozen(np.array([count], dtype=np.int32)) for count in (1, 2))
-
-
-class Command(Solution[Robot_co]):
-    """What a sample of a controller asks for: a ``Solution`` at ``inputs``, to first order from the place of its integration.
-
-    Attributes:
-        missing: Whether a measurement was given that is NaN, and left out.
-    """
-
-    missing: bool
-    _free: tuple[str, ...]
-    _told: FloatArray
-    _rows: LimitRows
-    _limits: tuple[str, ...]  # names of them, and of those of the shape
-    _aims: bool  # at a position
-
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Names of the inputs that were chosen."""
-        return self._free
-
-    @property
-    def target_error(self) -> float:
-        """Distance of the model's tip from the position asked for, what was measured taken into account [m]; NaN if none was."""
-        return float(self._told[ERROR])
-
-    @property
-    def target_angle(self) -> float:
-        """Angle of the model's tip from the rotation or the axis asked for, likewise [rad]."""
-        return float(self._told[ANGLE])
-
-    @property
-    def singular(self) -> bool:
-        """Whether the freed inputs cannot bring the tip where it is to be: the step was bounded."""
-        return bool(self._told[SINGULAR])
-
-    @property
-    def offset(self) -> FloatArray:
-        """By how much the robot's tip is off the model's, as the measurements say [m], shape (3,); zero without."""
-        return np.asarray(frozen(self._told[OFFSET:TARGET]))
-
-    @property
-    def at_limit(self) -> NDArray[np.bool_]:
-        """Which of the freed numbers take part in a limit that holds, shape (k,)."""
-        return np.asarray(frozen(self._by_free(7)[0] != 0))
-
-    @property
-    def held_by(self) -> tuple[str, ...]:
-        """Limits that hold, whether they hold the tip back or others make up for it: such as ``"translation[0]"``,
-        ``"translation[1] - translation[0]"`` for a gap, ``"curvature"``, ``"stability_margin"``."""
-        holds = self._told[FREE + 8 * len(self.at_limit) :] != 0
-        return tuple(name for name, own in zip(self._limits, holds, strict=True) if own)
-
-    def _by_free(self, first: int, count: int = 1) -> FloatArray:
-        """Rows of what is told of each freed number: p, the pose by it, whether it is held; shape (count, k)."""
-        k = self._rows.matrix.shape[1]
-        return self._told[FREE + first * k :][: count * k].reshape(count, k)
-
-    @cached_property
-    def _remarks(self) -> Remarks:  # type: ignore[override]  # found when it is asked for
-        return self._rows.remarks(self._by_free(0)[0], self._told[TARGET:ANGLE] if self._aims else None, self.target_error)
-
-    @property
-    def _asides(self) -> dict[str, str]:
-        return told(self.target_error, self.target_angle, ", ".join(self.held_by)) | (
-            {"singular": "yes"} if self.singular else {}
-        )
-
-    def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str | None) -> FloatArray:
-        """By the inputs that are free, without another integration: the columns of the sample's own."""
-        if of == "pose" and names == self.free and at is None and rod is None:
-            return np.asarray(frozen(self._by_free(1, 6)))
-        return super()._jacobian(names, of, at, rod)
 
 
 class Controller(Uncopied, Generic[Robot_co]):
@@ -244,6 +169,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         position: Numbers | None = None,
         rotation: Numbers | None = None,
         axis: Numbers | None = None,
+        across: Numbers | None = None,
         measured_position: Numbers | None = None,
         measured_rotation: Numbers | None = None,
         **changes: Numbers,
@@ -254,6 +180,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             position: Of the tip, in the world [m], shape (3,).
             rotation: Of the tip, body to world, shape (3, 3).
             axis: Direction of the tip's z axis in the world, shape (3,), in place of the rotation.
+            across: Direction in the world across which alone the position counts, shape (3,): a target in a picture.
             measured_position: Where the robot's tip is seen to be [m], under the inputs of the last sample. NaN is a sensor that
                 dropped out: the sample goes on without it, and says so.
             measured_rotation: Its rotation, likewise.
@@ -275,7 +202,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             raise RuntimeError("this Controller is in use on another thread: make a Controller for each thread")
         try:
             seen = self._seen(measured_position, measured_rotation)
-            kind = self._aim(position, rotation, axis)
+            kind = self._aim(position, rotation, axis, across)
             if changes:
                 if not self._plain.write(changes):
                     self._change(changes)
@@ -284,10 +211,15 @@ class Controller(Uncopied, Generic[Robot_co]):
         finally:
             self._lock.release()
 
-    def _aim(self, position: Numbers | None, rotation: Numbers | None, axis: Numbers | None) -> Kind:
+    def _aim(self, position: Numbers | None, rotation: Numbers | None, axis: Numbers | None, across: Numbers | None) -> Kind:
         """Take the present target; what is not plainly right is checked at length."""
         given = self._step.given
-        if plain(position) and (rotation is None or (turned(rotation) and axis is None)) and (axis is None or plain(axis)):
+        if (
+            across is None
+            and plain(position)
+            and (rotation is None or (turned(rotation) and axis is None))
+            and (axis is None or plain(axis))
+        ):
             size = 1.0 if axis is None else hypot(*axis)
             if size > SMALLEST_AXIS:
                 given["position"][:] = position
@@ -296,13 +228,11 @@ class Controller(Uncopied, Generic[Robot_co]):
                 if axis is not None:
                     given["axis"][:] = [value / size for value in axis]
                 return 1, int(rotation is not None), int(axis is not None)
-        target = Pose(position=position, rotation=rotation, axis=axis)
+        target = Pose(position=position, rotation=rotation, axis=axis, across=across)
         if target.batch_shape or not target.complete.all():
             refuse("Controller.step(target)", target, "must be finite, without leading axes")
-        parts = {"position": target.position, "rotation": target.rotation, "axis": target.axis}
-        for name, value in parts.items():
-            if value is not None:
-                given[name][:] = value
+        for name in target.given:
+            given[name][:] = getattr(target, name)
         return target.kind
 
     def _seen(self, position: Numbers | None, rotation: Numbers | None) -> tuple[int, int]:

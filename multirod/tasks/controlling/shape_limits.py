@@ -118,7 +118,7 @@ class ShapeLimits:
         self._one = Task.of(robot, inputs, free, integrator=integrator, device=device)
         many = inputs.with_arrays({name: np.tile(value, (len(unit), 1)) for name, value in inputs.arrays.items()})
         self._probes = Task.of(robot, many, free, integrator=integrator, device=device)
-        self.names = tuple(name for name in ("curvature", "stability_margin") if getattr(limits, name) is not None)
+        self.names = limits.shape_names
         self.last: Look
         self._rounded = ROUNDED[[limits.curvature is not None, limits.stability_margin is not None]]
         self.integrations = 0

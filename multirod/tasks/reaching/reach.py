@@ -19,12 +19,11 @@ from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
-from multirod.status import failures
 from multirod.tasks.formulation import freed, with_values
-from multirod.tasks.limits import Limits, freed_labels, known_rows, middle, refuse_start, told
+from multirod.tasks.limits import Limits, known_rows, middle, refuse_start, told
 from multirod.tasks.reaching.drive import expect_search
 from multirod.tasks.reaching.search import Prefer, Search
-from multirod.tasks.reaching.trying import Work, search_part
+from multirod.tasks.reaching.trying import Work, held, search_part
 from multirod.tasks.rows import Pose
 from multirod.types import Index
 from multirod.validation import (
@@ -52,7 +51,8 @@ class Reached(Solution[Robot_co]):
         target_error: Distance from the position asked for [m], shape (...); also of an instance that failed, how near it came.
             NaN if no position was asked for.
         target_angle: Angle from the rotation or the axis asked for [rad], likewise.
-        at_limit: Which of the freed numbers, in the order of ``free``, stand at a limit, shape (..., k).
+        at_limit: Which of the freed numbers, in the order of ``free``, take part in a limit that they stand at, shape (..., k);
+            of a limit of the shape those that change what it limits.
     """
 
     def __init__(
@@ -66,18 +66,29 @@ class Reached(Solution[Robot_co]):
         free: Sequence[str],
         errors: FloatArray,
         at_limit: NDArray[np.bool_],
+        holds: NDArray[np.bool_],
+        limit_names: tuple[str, ...],
     ) -> None:
         super().__init__(scene, records, outcome, inputs)
         self.target, self.free = target, tuple(free)
         self.target_error = frozen(errors[:, 0].reshape(self.batch_shape))
         self.target_angle = frozen(errors[:, 1].reshape(self.batch_shape))
         self.at_limit = frozen(at_limit.reshape(*self.batch_shape, -1))
+        self._holds, self._limit_names = holds.reshape(*self.batch_shape, -1), limit_names
+
+    @property
+    def held_by(self) -> tuple[str, ...] | NDArray[np.object_]:
+        """Names of the limits that it stands at, as of a controller's command: such as ``"translation[0]"``,
+        ``"translation[1] - translation[0]"`` for a gap, ``"curvature"``; of a batch an array of these, shape (...)."""
+        flat = self._holds.reshape(-1, self._holds.shape[-1])
+        found = np.empty(len(flat), dtype=object)
+        for row, own in enumerate(flat):
+            found[row] = tuple(self._limit_names[j] for j in np.flatnonzero(own))
+        return np.asarray(found.reshape(self.batch_shape)) if self.batch_shape else found[0]
 
     @property
     def _asides(self) -> dict[str, str]:
-        labels = freed_labels(self.free, [getattr(self.inputs, name).shape[-1] for name in self.free])
-        held = ", ".join(label for label, own in zip(labels, self.at_limit, strict=True) if own)
-        return told(float(self.target_error), float(self.target_angle), held)
+        return told(float(self.target_error), float(self.target_angle), list(self.held_by))
 
     def __getitem__(self, index: Index) -> "Reached[Robot_co]":
         """The result of some instances: ``index`` as for an array with the leading axes ``batch_shape``."""
@@ -88,6 +99,7 @@ class Reached(Solution[Robot_co]):
         result.target, result.free = self.target, self.free
         result.target_error, result.target_angle = frozen(self.target_error[chosen]), frozen(self.target_angle[chosen])
         result.at_limit = frozen(self.at_limit[chosen])
+        result._holds, result._limit_names = self._holds[chosen], self._limit_names
         return result
 
 
@@ -224,16 +236,16 @@ def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thread
     records: dict[str, Any] = {}
     outcome = Outcome(np.array(status), *np.zeros((2, count), dtype=np.int32))
     errors, values = np.full((count, 2), np.nan), np.zeros((count, k))
-    at_limit = np.zeros((count, k), dtype=bool)
+    at_limit, holds = np.zeros((count, k), dtype=bool), np.zeros((count, len(work.limit_names)), dtype=bool)
     pieces = parts(count, threads, work.robot.rod_count) if count else []
 
     def one(piece: slice, stop: Event) -> None:
         numbers = None if piece == slice(0, count) else np.arange(piece.start, piece.stop)
         settings: dict[str, Any] = {"integrator": work.method.integrator, "device": work.device, "instances": numbers}
-        with ExitStack() as held:
+        with ExitStack() as borrowing:
             with work.lock:
                 made = borrowed(work.robot, work.inputs, **settings, **work.options)
-                problem: BoundaryProblem = held.enter_context(made)
+                problem: BoundaryProblem = borrowing.enter_context(made)
                 problem.stop = stop
             search = search_part(work, problem, piece, numbers, status[piece])
             found, fields = problem.snapshot(), dict(problem.record_fields)
@@ -245,13 +257,24 @@ def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thread
             outcome.integrations[piece] = spent[piece] + search.integrations
             values[piece] = search.last.p
             errors[piece] = _errors(search)
-            at_limit[piece] = search.held(np.arange(len(found))) & ~failures(search.status)[:, None]
+            at_limit[piece], holds[piece] = held(work, search, piece)
 
     run(one, pieces, threads)
     fields = {name: place for name, place in records["fields"].items() if name != "inputs"}
     scene = Scene(work.robot, work.batch_shape, work.method.integrator, work.device, fields, threads=threads)
     inputs = with_values(work.inputs, work.free, values.reshape(*work.batch_shape, k))
-    result = Reached(scene, records["all"], outcome, inputs, target=work.target, free=work.free, errors=errors, at_limit=at_limit)
+    result: Reached[Any] = Reached(
+        scene,
+        records["all"],
+        outcome,
+        inputs,
+        target=work.target,
+        free=work.free,
+        errors=errors,
+        at_limit=at_limit,
+        holds=holds,
+        limit_names=work.limit_names,
+    )
     if not work.batch_shape:
         result._remarks = work.limits.remarks(values[0], work.target.position, float(result.target_error))
     result.mind_strain()

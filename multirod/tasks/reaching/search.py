@@ -215,14 +215,11 @@ class Search:
 
     # ---- what is judged ----
 
-    def held(self, rows: IntArray) -> BoolArray:
-        """Which freed inputs stand at a limit, shape (len(rows), k)."""
+    def near(self, rows: IntArray) -> BoolArray:
+        """Which limits of the freed inputs they stand at, shape (len(rows), c)."""
         limits, least = self.goals.limits, self._values["near"]
         at = self.last.p[rows] @ limits.matrix.T
-        near = (at - limits.low <= least) | (limits.high - at <= least)
-        if not near.any():
-            return np.zeros((len(rows), limits.matrix.shape[1]), dtype=bool)
-        return np.asarray((near[:, :, None] & (limits.matrix != 0)).any(axis=1))
+        return np.asarray((at - limits.low <= least) | (limits.high - at <= least))
 
     def modes(self, rows: IntArray) -> Modes:
         """Of the equilibria at ``last``."""
@@ -245,17 +242,21 @@ class Search:
         self.task.write(self.last.x, self.last.p)
         return np.asarray(largest_bending(problem)[rows])
 
+    def room(self, rows: IntArray) -> FloatArray:
+        """What limits of the shape leave at ``last``, as ``shape_limits.room`` has it, shape (len(rows), 1 or 2)."""
+        limits, left = self.goals.of_shape, []
+        assert limits is not None
+        if limits.curvature is not None:
+            left.append(1 - self.bending(rows) / limits.curvature)
+        if limits.stability_margin is not None:
+            left.append(self.margin(rows) - limits.stability_margin)
+        return np.stack(left, axis=1)
+
     def beyond(self, rows: IntArray) -> BoolArray:
         """Whether the shapes at ``last`` are beyond their limits, or not known to be within, shape (len(rows),)."""
-        limits = self.goals.of_shape
-        result = np.zeros(len(rows), dtype=bool)
-        if limits is None or not len(rows):
-            return result
-        if limits.curvature is not None:
-            result |= self.bending(rows) > limits.curvature
-        if limits.stability_margin is not None:
-            result |= ~(self.margin(rows) >= limits.stability_margin)  # NaN is not within either
-        return result
+        if self.goals.of_shape is None or not len(rows):
+            return np.zeros(len(rows), dtype=bool)
+        return np.asarray(~(self.room(rows) >= 0).all(axis=1))  # NaN is not within either
 
     def unstable(self, rows: IntArray) -> BoolArray:
         """Whether the equilibria at ``last`` are not stable, as far as that can be said, shape (len(rows),)."""

@@ -1,21 +1,41 @@
 """Along limits of the shape, where a search stops before them. Numbers in parentheses: ``docs/tasks.md``."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.results.solution import Solution
 from multirod.running.simulation import solve
 from multirod.solver import Solver
-from multirod.tasks.controlling.controller import Command, Controller
+from multirod.tasks.controlling.command import Command
+from multirod.tasks.controlling.controller import Controller
 from multirod.tasks.limits import Limits
 from multirod.tasks.rows import PoseRows
 from multirod.validation import FloatArray
 
 PATIENCE = 4  # samples, which are to bring the tip nearer
 NEARER = 1e-3  # by this part of what is left, or it has come to rest
+
+
+@dataclass(frozen=True)
+class Slid:
+    """Where that leads.
+
+    Attributes:
+        unknowns: An equilibrium's to first order, shape (n,).
+        values: Of freed inputs, shape (k,).
+        at_limit: Which of them take part in a limit that holds there, shape (k,).
+        held_by: Names of these limits.
+    """
+
+    unknowns: FloatArray
+    values: FloatArray
+    at_limit: NDArray[np.bool_]
+    held_by: tuple[str, ...]
 
 
 def slid(
@@ -30,7 +50,7 @@ def slid(
     device: str,
     tolerance: float,
     max_integrations: int,
-) -> tuple[FloatArray | None, FloatArray, int]:
+) -> tuple[Slid | None, int]:
     """Where a controller whose target stands still takes the tip, along limits of the shape (18).
 
     Args:
@@ -46,16 +66,14 @@ def slid(
         max_integrations: From which on no other sample is begun.
 
     Returns:
-        Unknowns there, which are an equilibrium's to first order, shape (n,), None if there is no way; freed inputs, shape (k,);
-        integrations that were taken.
+        What is there, None if there is no way; integrations that were taken.
     """
     start = solve(robot, inputs, solver=solver, guess=unknowns, device=device, progress=False)
     spent, left = int(start.integrations), [np.inf] * PATIENCE
     last: Command | None = None
     if not start.failed:
         loop = _loop(robot, start, free, limits, solver, device)
-        parts = {"position": target.position, "rotation": target.rotation, "axis": target.axis}
-        goal = {name: value[0] for name, value in parts.items() if value is not None}
+        goal = {name: getattr(target, name)[0] for name in target.given}
         while loop is not None and spent < max_integrations:
             command = loop.step(**goal)
             spent += int(command.integrations)
@@ -67,8 +85,8 @@ def slid(
             if there or left[-1] > (1 - NEARER) * left[-1 - PATIENCE]:
                 break
     if last is None:
-        return None, np.zeros(0), spent
-    return last.unknowns, np.concatenate([getattr(last.inputs, name) for name in free]), spent
+        return None, spent
+    return Slid(last.unknowns, np.concatenate([getattr(last.inputs, name) for name in free]), last.at_limit, last.held_by), spent
 
 
 def _loop(

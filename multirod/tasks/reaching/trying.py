@@ -14,11 +14,12 @@ from multirod.problem import BoundaryProblem
 from multirod.running.simulation import solve
 from multirod.solver import Solver
 from multirod.status import Status, failures
+from multirod.tasks.controlling.shape_limits import INSET
 from multirod.tasks.formulation import Task, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
 from multirod.tasks.reaching.redundancy import steadied
-from multirod.tasks.reaching.search import REACHED, Goals, Place, Prefer, Search
-from multirod.tasks.reaching.sliding import slid
+from multirod.tasks.reaching.search import AT_LIMIT, REACHED, Goals, Place, Prefer, Search
+from multirod.tasks.reaching.sliding import Slid, slid
 from multirod.tasks.rows import Pose
 from multirod.validation import (
     FloatArray,
@@ -50,6 +51,12 @@ class Work:
     unknowns: FloatArray
     lock: Lock = field(default_factory=Lock)
     pool: "_Pool | None" = None
+    slid: dict[int, Slid] = field(default_factory=dict)  # along limits of the shape, by instance
+
+    @property
+    def limit_names(self) -> tuple[str, ...]:
+        """Of the freed inputs, then of the shape."""
+        return self.limits.names + (() if self.of_shape is None else self.of_shape.shape_names)
 
 
 @dataclass(frozen=True)
@@ -90,7 +97,7 @@ def search_part(
     search.sought(within)
     if not within.all():
         search.status[~sound], search.status[sound & ~within] = status[~sound], Status.OUT_OF_LIMITS
-    if work.of_shape is not None and not work.robot.batch_shape and work.target.across is None:
+    if work.of_shape is not None and not work.robot.batch_shape:
         _along_limits(work, search, piece, np.flatnonzero(within & (search.status != REACHED)))
     if work.starts:
         _from_elsewhere(work, search, piece, sound)
@@ -101,6 +108,30 @@ def search_part(
     return search
 
 
+def held(work: Work, search: Search, piece: slice) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which freed numbers of results take part in a limit that they stand at, shape (b, k), and which limits these are, as
+    ``limit_names`` counts them, shape (b, c).
+
+    Of what slid along a limit of the shape to where it is, the last step says so; of what stopped before one, it holds all.
+    """
+    near = search.near(np.arange(len(search.status))) & ~failures(search.status)[:, None]
+    numbers = np.asarray((near[:, :, None] & (work.limits.matrix != 0)).any(axis=1))
+    if work.of_shape is None:
+        return numbers, near
+    by_shape = np.zeros((len(near), len(work.of_shape.shape_names)), dtype=bool)
+    rows = np.flatnonzero(search.status == AT_LIMIT)
+    for row in rows.tolist():
+        found = work.slid.get(piece.start + row)
+        if found is not None and np.array_equal(found.values, search.last.p[row]):
+            numbers[row] |= found.at_limit
+            by_shape[row] = np.isin(work.of_shape.shape_names, found.held_by)
+    stopped = rows[~(near[rows].any(axis=1) | by_shape[rows].any(axis=1))]
+    if len(stopped):
+        left = search.room(stopped)
+        numbers[stopped], by_shape[stopped] = True, left <= left.min(axis=1, keepdims=True) + INSET
+    return numbers, np.concatenate([near, by_shape], axis=1)
+
+
 def _along_limits(work: Work, search: Search, piece: slice, rows: IntArray) -> None:
     """Take those along limits of the shape that stopped before them, and on to their targets from where that leads."""
     assert work.of_shape is not None
@@ -108,7 +139,7 @@ def _along_limits(work: Work, search: Search, piece: slice, rows: IntArray) -> N
     for k, row in enumerate(rows.tolist()):
         number = piece.start + row
         inputs = work.inputs.take(work.batch_shape, np.array([number]))[0] if work.batch_shape else work.inputs
-        unknowns, values, spent = slid(
+        found, spent = slid(
             work.robot,
             search.goals.rows.take(slice(row, row + 1)),
             inputs,
@@ -121,8 +152,9 @@ def _along_limits(work: Work, search: Search, piece: slice, rows: IntArray) -> N
             max_integrations=work.max_integrations,
         )
         search.integrations[row] += spent
-        if unknowns is not None:
-            x[k], p[k] = search.task.problem.adopt(unknowns[None])[0], values
+        if found is not None:
+            x[k], p[k] = search.task.problem.adopt(found.unknowns[None])[0], found.values
+            work.slid[number] = found
             going.append(k)
     if not going:
         return
