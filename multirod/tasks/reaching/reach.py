@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import cached_property
 from math import prod
 from threading import Event
 from typing import Any, get_args
@@ -14,13 +15,14 @@ from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
+from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
 from multirod.tasks.formulation import freed, with_values
-from multirod.tasks.limits import Limits, known_rows, middle, refuse_start, told
+from multirod.tasks.limits import LimitRows, Limits, known_rows, middle, refuse_start, told
 from multirod.tasks.reaching.drive import expect_search
 from multirod.tasks.reaching.search import Prefer, Search
 from multirod.tasks.reaching.trying import Work, held, search_part
@@ -67,6 +69,7 @@ class Reached(Solution[Robot_co]):
         errors: FloatArray,
         at_limit: NDArray[np.bool_],
         holds: NDArray[np.bool_],
+        limits: LimitRows,
         limit_names: tuple[str, ...],
     ) -> None:
         super().__init__(scene, records, outcome, inputs)
@@ -74,7 +77,14 @@ class Reached(Solution[Robot_co]):
         self.target_error = frozen(errors[:, 0].reshape(self.batch_shape))
         self.target_angle = frozen(errors[:, 1].reshape(self.batch_shape))
         self.at_limit = frozen(at_limit.reshape(*self.batch_shape, -1))
-        self._holds, self._limit_names = holds.reshape(*self.batch_shape, -1), limit_names
+        self._holds, self._limits, self._limit_names = holds.reshape(*self.batch_shape, -1), limits, limit_names
+
+    @cached_property
+    def _remarks(self) -> Remarks | None:  # type: ignore[override]  # found when it is asked for
+        if self.batch_shape or self.target.batch_shape:
+            return None
+        values = np.concatenate([getattr(self.inputs, name) for name in self.free])
+        return self._limits.remarks(values, self.target.position, float(self.target_error))
 
     @property
     def held_by(self) -> tuple[str, ...] | NDArray[np.object_]:
@@ -99,7 +109,7 @@ class Reached(Solution[Robot_co]):
         result.target, result.free = self.target, self.free
         result.target_error, result.target_angle = frozen(self.target_error[chosen]), frozen(self.target_angle[chosen])
         result.at_limit = frozen(self.at_limit[chosen])
-        result._holds, result._limit_names = self._holds[chosen], self._limit_names
+        result._holds, result._limits, result._limit_names = self._holds[chosen], self._limits, self._limit_names
         return result
 
 
@@ -273,10 +283,9 @@ def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thread
         errors=errors,
         at_limit=at_limit,
         holds=holds,
+        limits=work.limits,
         limit_names=work.limit_names,
     )
-    if not work.batch_shape:
-        result._remarks = work.limits.remarks(values[0], work.target.position, float(result.target_error))
     result.mind_strain()
     return result
 

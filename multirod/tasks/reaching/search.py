@@ -36,7 +36,7 @@ SETTLING = 4  # integrations that an equilibrium that was found by other kernels
 SETTLING_FAR = 12  # the same of where a search ended short of its target
 # as NumPy compares an array with them at once, and takes as long as a tenth of an integration with a member of ``Status``
 REACHED, AT_LIMIT = int(Status.REACHED), int(Status.AT_LIMIT)
-UNREACHED = (int(Status.UNREACHABLE), int(Status.SINGULAR_TASK), int(Status.UNSTABLE))
+UNREACHED = np.isin(np.arange(max(Status) + 1), [Status.UNREACHABLE, Status.SINGULAR_TASK, Status.UNSTABLE])
 CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
 
 Prefer = Literal["smallest motion", "smallest tension", "middle", "stability"]
@@ -223,14 +223,12 @@ class Search:
 
     def modes(self, rows: IntArray) -> Modes:
         """Of the equilibria at ``last``."""
-        problem = self.task.problem
-        part = problem.parts
+        problem, part = self.task.problem, self.task.problem.parts
         self.task.write(self.last.x, self.last.p)
-        if len(rows) == problem.instance_count:
-            return modes_of(problem)
-        if part is not None:
+        if part is not None and len(rows) < problem.instance_count:
             return modes_of(part.of(rows))
-        return modes_of(problem).take(rows)
+        found = modes_of(problem)
+        return found if len(rows) == problem.instance_count else found.take(rows)
 
     def margin(self, rows: IntArray) -> FloatArray:
         """Stability margins of the equilibria at ``last``, NaN where not known, shape (len(rows),)."""
@@ -360,8 +358,10 @@ class Search:
 
     def _tell_errors(self, rows: IntArray) -> None:
         """Errors of what did not get there, at an equilibrium: near where the search ended, or, without one, where it began."""
+        if not len(rows):
+            return
         self.here.x[rows], self.here.p[rows] = self.last.x[rows], self.last.p[rows]
-        settled = self._settled(rows, SETTLING_FAR) if len(rows) else rows
+        settled = self._settled(rows, SETTLING_FAR)
         self.last.put(settled, self.here)
         farther = np.linalg.norm(self.errors[rows], axis=1) > np.linalg.norm(self.origin_errors[rows], axis=1)
         back = np.union1d(np.setdiff1d(rows, settled), rows[farther])
@@ -385,7 +385,7 @@ class Search:
         if self.goals.of_shape is not None:
             rows = np.flatnonzero(self._found())
             self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
-        self._tell_errors(np.flatnonzero(np.isin(self.status, UNREACHED)))
+        self._tell_errors(np.flatnonzero(UNREACHED[self.status]))
         problem, found = self.task.problem, self._found()
         differ = (problem.read("unknowns") != self.last.x).any(axis=1) | (self.here.x != self.last.x).any(axis=1)
         stale = found & (differ | (self.here.p != self.last.p).any(axis=1))

@@ -115,7 +115,9 @@ def held(work: Work, search: Search, piece: slice) -> tuple[NDArray[np.bool_], N
     Of what slid along a limit of the shape to where it is, the last step says so; of what stopped before one, it holds all.
     """
     near = search.near(np.arange(len(search.status))) & ~failures(search.status)[:, None]
-    numbers = np.asarray((near[:, :, None] & (work.limits.matrix != 0)).any(axis=1))
+    numbers = np.zeros((len(near), len(work.unit)), dtype=bool)
+    if near.any():
+        numbers = np.asarray((near[:, :, None] & (work.limits.matrix != 0)).any(axis=1))
     if work.of_shape is None:
         return numbers, near
     by_shape = np.zeros((len(near), len(work.of_shape.shape_names)), dtype=bool)
