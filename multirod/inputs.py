@@ -26,7 +26,7 @@ class InputSpec:
     Attributes:
         name: How it is called.
         acts: Where: at the ``"base"``, at the ``"tip"`` or on what the tips hold, ``"along"`` the rods (per length, or per mass),
-            on ``"lines"`` of the rods, or not at all, as a ``"sensor"`` reads it.
+            on ``"lines"`` of the rods, along coordinates of ``"joints"``, or not at all, as a ``"sensor"`` reads it.
         load: ``"force"`` or ``"moment"``, which ``load_factor`` multiplies; None for what is no load.
         follows: Of a load: fixed in the frame of where it acts, rather than dead, fixed in the world.
         on: Of a load: what of rods' sections, or of lines, it is multiplied by, such as ``"linear_density"``; empty of forces and
@@ -52,7 +52,7 @@ class InputSpec:
     optional: bool = False
     measured: bool = False
     dead_twin: str = ""
-    acts: Literal["base", "tip", "along", "lines", "sensor"] = "base"
+    acts: Literal["base", "tip", "along", "lines", "joints", "sensor"] = "base"
     load: Literal["force", "moment"] | None = None
     follows: bool = False
     on: str = ""

@@ -129,6 +129,11 @@ class NetworkInputs(Fields, total=False):
     ``driven_joints``."""
     slide: ByName
     """Where joints are driven: how far ends slide along their axes [m], by name, or shape (..., coordinate_count), likewise."""
+    joint_torque: ByName
+    """Torques about axes of revolute, universal and cylindrical joints that are not driven [N m]: by the names of joints, ``"arm
+    base"``, or shape (..., coordinate_count)."""
+    slide_force: ByName
+    """Forces along axes of prismatic and cylindrical joints that are not driven [N]: likewise."""
     fixed_position: ByName
     """How far fixed bodies are moved from their poses, world frame [m]: by name, or shape (..., body_count, 3)."""
     fixed_rotation: ByName
@@ -169,6 +174,10 @@ class KnownInputs(InverseParallelRodsInputs, total=False):
     angle: ByName
     """As for ``Network``."""
     slide: ByName
+    """As for ``Network``."""
+    joint_torque: ByName
+    """As for ``Network``."""
+    slide_force: ByName
     """As for ``Network``."""
     fixed_position: ByName
     """As for ``Network``."""
@@ -225,6 +234,8 @@ NetworkInput: TypeAlias = Literal[
     "translation",
     "angle",
     "slide",
+    "joint_torque",
+    "slide_force",
     "fixed_position",
     "fixed_rotation",
     "force",

@@ -15,10 +15,11 @@ from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
 from multirod.models.assemblies.network_inputs import (
-    DRIVEN_INPUTS,
+    COORDINATE_INPUTS,
     FIXED_INPUTS,
     INPUTS,
     LOAD_INPUTS,
+    NO_JOINT,
     ON_PLACES,
     ROD_INPUTS,
     by_name,
@@ -39,7 +40,7 @@ from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of, place_of
 from multirod.models.network.joining.checks import holes_by_rod, joints_by_end
 from multirod.models.network.joining.joints import Joint
-from multirod.models.network.places import DRIVEN, FIXED, LOADED, PER_ROD
+from multirod.models.network.places import FIXED, LOADED, PER_ROD
 from multirod.models.network.problem import NetworkProblem
 from multirod.reuse import reusable
 from multirod.rod import Rod
@@ -117,11 +118,11 @@ class Network(Assembly):
         self._places = [*(body.name for body in self.graph.bodies), *rods]  # that may be the end effector
         self._end_effector = self._place_of_effector(end_effector)
         self.mass_carried = float(self.graph.mass.sum())
-        driven = tuple(replace(spec, count=len(own)) for spec in DRIVEN_INPUTS if (own := self.driven_names[spec.name]))
+        by_joint = tuple(replace(spec, count=len(own)) for spec in COORDINATE_INPUTS if (own := self.coordinate_names[spec.name]))
         fixed = tuple(replace(spec, count=3 * len(self.fixed_bodies)) for spec in FIXED_INPUTS) if self.fixed_bodies else ()
         on_rods = (replace(spec, count=3 * len(rods)) for spec in ROD_INPUTS)
         loads = (*(replace(spec, count=3 * len(self.load_places)) for spec in LOAD_INPUTS), *on_rods)
-        self._specs = InputSpecs((*INPUTS[:2], *driven, *fixed, *loads, *INPUTS[2:], *drive_specs(self.rods)))
+        self._specs = InputSpecs((*INPUTS[:2], *by_joint, *fixed, *loads, *INPUTS[2:], *drive_specs(self.rods)))
 
     def _place_of_effector(self, given: object) -> int:
         """Its number among the bodies that move, then the rods."""
@@ -175,10 +176,10 @@ class Network(Assembly):
         return {"tip": self.load_places, "along": self.graph.whole_names}.get(spec.acts, ())
 
     @property
-    def driven_names(self) -> dict[str, tuple[str, ...]]:
-        """Of the numbers of ``angle`` and of ``slide`` the joint, with the number of the angle where it has several."""
-        angles = tuple(f"{name} {k}" if count > 1 else name for name, count in self.graph.driven.items() for k in range(count))
-        return {"angle": angles, "slide": tuple(self.graph.driven_slides)}
+    def coordinate_names(self) -> dict[str, tuple[str, ...]]:
+        """Of each input by the coordinates of joints the joint of each number, with that of the angle where it has several."""
+        every = self.graph.by_coordinate.items()
+        return {name: tuple(f"{j} {k}" if n > 1 else j for j, n in own.items() for k in range(n)) for name, own in every}
 
     def tubes_of(self, name: str) -> range:
         """Where a rod as given, by its name, stands among ``rods``: one number, or one for each of its tubes."""
@@ -197,7 +198,7 @@ class Network(Assembly):
     if TYPE_CHECKING:
         _input_name: NetworkInput
 
-    @listed(*INPUTS[:2], *DRIVEN_INPUTS, *FIXED_INPUTS, *LOAD_INPUTS, *ROD_INPUTS, *INPUTS[2:], *DRIVE_INPUTS)
+    @listed(*INPUTS[:2], *COORDINATE_INPUTS, *FIXED_INPUTS, *LOAD_INPUTS, *ROD_INPUTS, *INPUTS[2:], *DRIVE_INPUTS)
     def inputs(self, **values: Unpack[NetworkInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
@@ -246,12 +247,11 @@ class Network(Assembly):
                 if name in FIXED and not own:
                     refuse(name, plain[name], "must not be given: no body is fixed, mr.Body(..., fixed=True)")
                 plain[name] = in_order(name, plain[name], own)
-        for name, driven in zip(DRIVEN, (graph.driven, graph.driven_slides), strict=True):
+        for name, joints in graph.by_coordinate.items():
             if name in plain:
-                if not driven:
-                    kind = "joint" if name == "angle" else "joint that slides"
-                    refuse(name, plain[name], f"must not be given: no {kind} is driven, mr.Joint(..., driven=True)")
-                plain[name] = by_name(name, plain[name], driven) if isinstance(plain[name], Mapping) else plain[name]
+                if not joints:
+                    refuse(name, plain[name], f"must not be given: {NO_JOINT[name]}")
+                plain[name] = by_name(name, plain[name], joints) if isinstance(plain[name], Mapping) else plain[name]
         return super().make_inputs(plain)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102

@@ -76,6 +76,33 @@ DRIVEN_INPUTS = (
     InputSpec(name="angle", unit="rad", count=0, description="angles of the joints that are driven, from their poses"),
     InputSpec(name="slide", unit="m", count=0, description="how far ends slide in the joints that are driven, from poses"),
 )
+COORDINATE_INPUTS = (
+    *DRIVEN_INPUTS,
+    InputSpec(
+        name="joint_torque",
+        unit="N m",
+        acts="joints",
+        load="moment",
+        potential=True,
+        count=0,
+        description="torques about the axes of revolute, universal and cylindrical joints that are not driven",
+    ),
+    InputSpec(
+        name="slide_force",
+        unit="N",
+        acts="joints",
+        load="force",
+        potential=True,
+        count=0,
+        description="forces along the axes of prismatic and cylindrical joints that are not driven",
+    ),
+)
+NO_JOINT = {  # why each of these may not be given
+    "angle": "no joint is driven, mr.Joint(..., driven=True)",
+    "slide": "no joint that slides is driven, mr.Joint(..., driven=True)",
+    "joint_torque": "no joint that is not driven turns about axes, which a ball does not either",
+    "slide_force": "no joint that is not driven slides",
+}
 
 
 def in_order(name: str, value: object, sizes: Mapping[str, int]) -> object:

@@ -59,6 +59,9 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     own.slide = array([table.slide for table in tables], wp.mat33d)
     first = problem.driven_place.start
     own.driven = array([np.where(at < 0, -1, first + at) for at in graph.driven_at], wp.int32)
+    first = problem.pushed_place.start
+    own.pushed = array([np.where(at < 0, -1, first + at) for at in graph.pushed_at], wp.int32)
+    own.unit = array([table.unit for table in tables], wp.vec3d)
     own.variable = array(entries.variables, wp.int32)
     places = np.full(rods, -1)
     places[graph.free] = bodies + np.arange(len(graph.free))

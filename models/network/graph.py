@@ -23,6 +23,9 @@ from multirod.validation import FloatArray
 
 GROUND = 0  # among frames: the bodies follow in their order
 FREE = -1  # in the place of a frame: nothing holds this end
+DRIVEN = ("angle", "slide")  # inputs that are coordinates of joints
+PUSHED = ("joint_torque", "slide_force")  # what acts along those that are not driven
+BY_COORDINATE = (*DRIVEN, *PUSHED)
 ENDS: tuple[Literal["base", "tip"], ...] = ("base", "tip")
 
 
@@ -93,6 +96,8 @@ class Graph:
         driven_slides: Likewise of those for which it is an input how far they slide.
         driven_at: Which of all these coordinates, angles first, those of the joints at bases, then at tips are, -1 of those that
             are no inputs, each of shape (rod_count, 3).
+        pushed, pushed_slides, pushed_at: Likewise of joints that are not driven, the coordinates by which torques and forces
+            have a potential: all but those of balls, and of holes.
         batch_shape: Leading axes of all of it.
     """
 
@@ -142,20 +147,33 @@ class Graph:
         self.mass = np.array([body.mass for body in self.bodies])
         self.mass_centre = np.array([body.mass_centre for body in self.bodies]).reshape(-1, 3)
         self.free: NDArray[np.intp] = np.flatnonzero(~self.ends[1].held)
-        self.driven: dict[str, int] = {}
-        self.driven_slides: dict[str, int] = {}
-        self.driven_at = tuple(np.full((len(self.rods), MOST), -1, dtype=np.intp) for _ in ENDS)
-        for sliding, driven in ((False, self.driven), (True, self.driven_slides)):
-            for rod in range(len(self.rods)):
-                for end, own, at in zip(ENDS, self.ends, self.driven_at, strict=True):
-                    which = np.flatnonzero(own.table.slides[rod] == sliding)
-                    which = which[which < own.table.count[rod]]
-                    if own.table.driven[rod] and len(which):
-                        first = sum(self.driven.values()) + sum(self.driven_slides.values())
-                        at[rod, which] = first + np.arange(len(which))
-                        driven[f"{self.whole_names[self.slides.owner[rod]]} {end}"] = len(which)
+        driven = [own.table.driven for own in self.ends]
+        self.driven, self.driven_slides, self.driven_at = self._coordinates(driven)
+        real = [self.slides.first, self.slides.upper < 0]  # ends, and no holes
+        few = [~own.table.driven & (own.table.count < MOST) for own in self.ends]
+        pushed = [own & at for own, at in zip(few, real, strict=True)]
+        self.pushed, self.pushed_slides, self.pushed_at = self._coordinates(pushed)
         shapes = [own.batch_shape for own in self.arrays]
         self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-2], *(end.pose.shape[:-3] for end in self.ends))
+
+    def _coordinates(
+        self, chosen: Sequence[NDArray[np.bool_]]
+    ) -> tuple[dict[str, int], dict[str, int], tuple[NDArray[np.intp], ...]]:
+        """Names of the joints at the ``chosen`` ends, of bases, then of tips (rod_count,), and how many angles each has; of those
+        that slide; and which of all these coordinates each is, as ``driven_at``."""
+        angles: dict[str, int] = {}
+        slides: dict[str, int] = {}
+        places = tuple(np.full((len(self.rods), MOST), -1, dtype=np.intp) for _ in ENDS)
+        for sliding, found in ((False, angles), (True, slides)):
+            for rod in range(len(self.rods)):
+                for end, own, at, these in zip(ENDS, self.ends, places, chosen, strict=True):
+                    which = np.flatnonzero(own.table.slides[rod] == sliding)
+                    which = which[which < own.table.count[rod]]
+                    if these[rod] and len(which):
+                        first = sum(angles.values()) + sum(slides.values())
+                        at[rod, which] = first + np.arange(len(which))
+                        found[f"{self.whole_names[self.slides.owner[rod]]} {end}"] = len(which)
+        return angles, slides, places
 
     def _joint(self, rod: int, end: Literal["base", "tip"]) -> Joint | None:
         given = self.joints.get((self.whole_names[self.slides.owner[rod]], end))
@@ -187,6 +205,12 @@ class Graph:
     def frame_poses(self) -> FloatArray:
         """Their poses in the frames of the bodies, shape (frame_count, 4, 4)."""
         return np.array([pose for body in self.bodies for pose in body.frames.values()]).reshape(-1, 4, 4)
+
+    @property
+    def by_coordinate(self) -> dict[str, dict[str, int]]:
+        """Of each input that has a number for each coordinate the joints, and how many coordinates each has."""
+        own = (self.driven, self.driven_slides, self.pushed, self.pushed_slides)
+        return dict(zip(BY_COORDINATE, own, strict=True))
 
     @property
     def is_driven(self) -> bool:
@@ -284,8 +308,12 @@ class Graph:
 
     def driven_angles(self, driven: FloatArray) -> list[FloatArray]:
         """(24) Coordinates that are inputs (..., k) at bases, then at tips, zero elsewhere, shapes (..., rod_count, 3)."""
-        padded = np.concatenate([driven, np.zeros((*driven.shape[:-1], 1))], axis=-1)
-        return [padded[..., at] for at in self.driven_at]
+        return _at(driven, self.driven_at)
+
+    def pushes(self, given: FloatArray) -> list[FloatArray]:
+        """(40) Of torques and forces that are inputs (..., k) what acts along the coordinates, at bases, then at tips [N m], zero
+        elsewhere, shapes (..., rod_count, 3)."""
+        return [end.table.unit * own for end, own in zip(self.ends, _at(given, self.pushed_at), strict=True)]
 
     def reference(self, length: FloatArray, batch_shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
         """Position [m] and rotation of the bodies where their unknowns are zero, shapes (count, body_count, 3), (count,
@@ -296,6 +324,12 @@ class Graph:
         position, rotation = placed(self.placing(count, batch_shape), tips, np.broadcast_to(np.eye(3), (*length.shape, 3, 3)))
         moving = slice(1, 1 + len(self.bodies))
         return position[:, moving], rotation[:, moving]
+
+
+def _at(values: FloatArray, places: Sequence[NDArray[np.intp]]) -> list[FloatArray]:
+    """Numbers (..., k) where they belong, at bases, then at tips, zero elsewhere, shapes (..., rod_count, 3)."""
+    padded = np.concatenate([values, np.zeros((*values.shape[:-1], 1))], axis=-1)
+    return [padded[..., at] for at in places]
 
 
 def _places_of(drives: Sequence[Sequence[str]]) -> NDArray[np.intp]:

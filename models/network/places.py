@@ -1,5 +1,6 @@
 """Where inputs stand in a row, and which unknowns and residuals belong together."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,13 +9,13 @@ from numpy.typing import NDArray
 from multirod.models.backbone.kernels.layout.members import drive_slices
 from multirod.models.network.elements.elements import GAP_AT
 from multirod.models.network.elements.groups import ALONG, ON_RODS
+from multirod.models.network.graph import DRIVEN, PUSHED
 from multirod.problem import Block
 
 if TYPE_CHECKING:
     from multirod.models.network.graph import Graph
 
 PER_ROD = ("rotation", "translation")
-DRIVEN = ("angle", "slide")  # coordinates of joints, one after the other
 FIXED = ("fixed_position", "fixed_rotation")  # of bodies that are held
 LOADED = ("force", "moment")  # of bodies and tips
 FOLLOWING = ("follower_force", "follower_moment")  # of the same, in their frames
@@ -23,18 +24,19 @@ FOLLOWING = ("follower_force", "follower_moment")  # of the same, in their frame
 def input_places(graph: "Graph") -> dict[str, slice]:
     """Where each input stands in a row; those before ``LOADED`` are no loads, and what drives lines is last."""
     sizes = dict.fromkeys(PER_ROD, int(graph.first_tube[-1]))
-    sizes |= {name: sum(own.values()) for name, own in zip(DRIVEN, (graph.driven, graph.driven_slides), strict=True) if own}
+    sizes |= {name: sum(own.values()) for name, own in graph.by_coordinate.items() if own and name in DRIVEN}
     sizes |= dict.fromkeys(FIXED, 3 * len(graph.fixed)) if graph.fixed else {}
     sizes |= dict.fromkeys((*LOADED, *FOLLOWING), 3 * len(graph.load_places))
+    sizes |= {name: sum(own.values()) for name, own in graph.by_coordinate.items() if own and name in PUSHED}
     sizes |= dict.fromkeys(ON_RODS, 3 * len(graph.whole)) | dict.fromkeys(ALONG, 3)
     ends = np.cumsum([0, *sizes.values()]).tolist()
     drives = [name for own in graph.drives for name in own]
     return {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(sizes)} | drive_slices(drives, ends[-1])
 
 
-def driven_place(slices: dict[str, slice]) -> slice:
-    """Where the coordinates of joints that are driven stand; empty of none."""
-    own = [slices[name] for name in DRIVEN if name in slices]
+def place_of_all(slices: dict[str, slice], names: Sequence[str]) -> slice:
+    """Where several inputs stand that follow each other, such as the coordinates of joints that are driven; empty of none."""
+    own = [slices[name] for name in names if name in slices]
     return slice(own[0].start, own[-1].stop) if own else slice(0, 0)
 
 

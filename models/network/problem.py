@@ -29,8 +29,8 @@ from multirod.models.network.derivatives.along import NetworkSensing, columns_al
 from multirod.models.network.derivatives.designs import Aim, Columns, columns_of
 from multirod.models.network.elements.element_kernels import form
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds
-from multirod.models.network.graph import Graph
-from multirod.models.network.places import FOLLOWING, LOADED, blocks_of, driven_place, input_places
+from multirod.models.network.graph import DRIVEN, PUSHED, Graph
+from multirod.models.network.places import FOLLOWING, LOADED, blocks_of, input_places, place_of_all
 from multirod.models.network.poses import frames_of
 from multirod.models.network.stability.clamps import NetworkClamps
 from multirod.models.network.stability.conjugates import NetworkConjugates
@@ -90,7 +90,7 @@ class NetworkProblem(BoundaryProblem):
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
         self.effector_rod = None if end_effector < self.body_count else graph.slides.of(end_effector - self.body_count)[-1]
         self._slices = input_places(graph)
-        self.driven_place = driven_place(self._slices)
+        self.driven_place, self.pushed_place = (place_of_all(self._slices, names) for names in (DRIVEN, PUSHED))
         super().__init__(
             unknown_count=n,
             batch_shape=np.broadcast_shapes(inputs.batch_shape, graph.batch_shape),
@@ -387,6 +387,8 @@ class NetworkProblem(BoundaryProblem):
         for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
             size = np.linalg.norm(inputs[:, self.input_slice(name)].reshape(self.instance_count, -1, 3), axis=2)
             total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)
+        for push in self.graph.pushes(inputs[:, self.pushed_place]):
+            total += (np.abs(push).sum(axis=2) * (L / EI)[:, : self.rod_count]).sum(axis=1)
         gravity = np.linalg.norm(inputs[:, self.input_slice("gravity")], axis=1)
         bodies = slice(self.rod_count, None)
         total += gravity * (self.graph.mass * L[:, bodies] ** 2 / EI[:, bodies]).sum(axis=1)

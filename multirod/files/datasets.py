@@ -123,7 +123,7 @@ def _inputs(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
         counted = f"line_by_{name}" if spec.acts == "lines" else f"number_of_{name}"
         own: tuple[str, ...] = ("rod" if spec.per_rod else "component" if spec.count is None else counted,)
         every = np.broadcast_to(value, (*solution.batch_shape, value.shape[-1]))
-        if isinstance(solution.assembly, Network) and spec.name in solution.assembly.driven_names:
+        if isinstance(solution.assembly, Network) and spec.name in solution.assembly.coordinate_names:
             own = ("coordinate" if spec.name == "angle" else spec.name,)
         elif isinstance(solution.assembly, Network) and solution.assembly.vectors_on(spec):
             own = ("load_place" if spec.acts == "tip" else "whole_rod", "component")
@@ -172,7 +172,7 @@ def _coordinates(solution: Solution) -> dict[str, Any]:
     if isinstance(assembly, Network):
         names |= {"body": [body.name for body in assembly.bodies], "load_place": list(assembly.load_places)}
         names |= {"whole_rod": list(assembly.graph.whole_names)}
-        names |= {"coordinate" if name == "angle" else name: list(own) for name, own in assembly.driven_names.items()}
+        names |= {"coordinate" if name == "angle" else name: list(own) for name, own in assembly.coordinate_names.items()}
     for spec in solution.inputs.specs.values():
         if spec.count is not None and spec.acts == "lines":
             driven = [line.drive is not None and line.drive[0] == spec.name for _, line in assembly.lines]

@@ -90,7 +90,7 @@ def _inputs(history: History) -> list[Panel]:
             if places:
                 panels += _on_places(places, spec, every)
                 continue
-            own = list(history.assembly.driven_names.get(spec.name, own))
+            own = list(history.assembly.coordinate_names.get(spec.name, own))
         panels.append(Panel(f"{spec.name}\n[{spec.unit}]", every, tuple(own) if len(own) > 1 else (), vector))
     if not panels:
         refuse("quantity", "inputs", "no input was given as numbers: there is nothing to plot")

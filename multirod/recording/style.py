@@ -166,8 +166,8 @@ def _series(stage: Stage, k: int) -> Styled:
         if places:
             labels = [f"{place} {axis}" for place in places for axis in "xyz"] if len(places) > 1 else labels
             shades = [PALETTE[i % len(PALETTE)] for i in range(len(labels))] if len(places) > 1 else shades
-        elif isinstance(stage.assembly, Network) and spec.name in stage.assembly.driven_names:
-            labels = list(stage.assembly.driven_names[spec.name])
+        elif isinstance(stage.assembly, Network) and spec.name in stage.assembly.coordinate_names:
+            labels = list(stage.assembly.coordinate_names[spec.name])
             shades = [PALETTE[i % len(PALETTE)] for i in range(len(labels))]
         elif spec.count is not None:
             labels = [line.name for line in stage.driven_by(spec.name)]

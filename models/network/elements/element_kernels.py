@@ -9,7 +9,16 @@ import warp as wp
 
 from multirod.models.backbone.kernels.numbers.scalars import turned_about_z
 from multirod.models.joint_kernels import SOFT, along, column, column_of, load_level, vector
-from multirod.models.network.elements.end_kernels import Behind, End, behind_plate, end_at, extension, nothing, stretched
+from multirod.models.network.elements.end_kernels import (
+    Behind,
+    End,
+    behind_plate,
+    end_at,
+    extension,
+    nothing,
+    pushed_at,
+    stretched,
+)
 from multirod.models.network.elements.records import (
     CARRIED_AT,
     MORE,
@@ -82,6 +91,8 @@ class Change:
     tip_turn: wp.vec3d  # of what holds it there
     tip_arm: wp.vec3d
     tip_angle: wp.vec3d
+    base_push: wp.vec3d  # (40)
+    tip_push: wp.vec3d
     given_force: wp.vec3d
     given_moment: wp.vec3d
     following_force: wp.vec3d  # in the frame of the tip
@@ -144,7 +155,7 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
         torque = torque_change(own.base, -net.spring[0, rod], moment, by_all, change.base_angle)
         force = own.base.joint * own.base_force  # (36)
         by_all = own.base.joint * change.base_n - wp.cross(force, own.base.turns * change.base_angle)
-        torque = (torque + wp.transpose(own.base.slide) * by_all) / EI
+        torque = (torque + wp.transpose(own.base.slide) * by_all + change.base_push) / EI
         if net.shared[rod] != 0:  # (19)
             torque = -torque
         write(net.element, b, rod, angles, k, torque)
@@ -156,7 +167,7 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
         by_all = inward * (by_moment + wp.cross(moment, change.tip_turn))
         torque = torque_change(own.tip, net.spring[1, rod], inward * moment, by_all, change.tip_angle)
         by_all = inward * (by_force + wp.cross(frame * own.force, change.tip_turn))  # (36)
-        torque = (torque + wp.transpose(own.tip.slide) * by_all) / EI
+        torque = (torque + wp.transpose(own.tip.slide) * by_all - change.tip_push) / EI
         write(net.element, b, rod, angles + wp.static(MOST), k, torque)
     # (11)
     holder = net.holder[0, rod]
@@ -334,6 +345,7 @@ def write_values(net: wp.ref[Networks], own: wp.ref[Element]):
     if own.base.count > 0:
         torque = wp.transpose(own.base.axes) * (own.base.joint * own.base_moment)
         torque += wp.transpose(own.base.slide) * (own.base.joint * own.base_force)  # (36)
+        torque += pushed_at(net, b, rod, 0)  # (40)
         torque = (torque - wp.cw_mul(net.spring[0, rod], own.base.angle - net.rest[0, rod])) / EI
         write_value(net.value, b, rod, angles, wp.where(net.shared[rod] != 0, -torque, torque))
     force = frame * own.force
@@ -341,6 +353,7 @@ def write_values(net: wp.ref[Networks], own: wp.ref[Element]):
     if own.tip.count > 0:
         torque = wp.transpose(own.tip.axes) * (wp.transpose(own.tip.frame) * moment)
         torque += wp.transpose(own.tip.slide) * (wp.transpose(own.tip.frame) * force)  # (36)
+        torque -= pushed_at(net, b, rod, 1)
         torque = (torque + wp.cw_mul(net.spring[1, rod], own.tip.angle - net.rest[1, rod])) / EI
         write_value(net.value, b, rod, angles + wp.static(MOST), torque)
     carried = frame * own.base_force - force
@@ -489,6 +502,10 @@ def form(net: Networks, group: RodGroup):
                     change.base_angle[i] = net.problem.directions[b, d, net.driven[0, rod, i]]
                 if net.driven[1, rod, i] >= 0:
                     change.tip_angle[i] = net.problem.directions[b, d, net.driven[1, rod, i]]
+                if net.pushed[0, rod, i] >= 0:  # (40)
+                    change.base_push[i] = net.unit[0, rod][i] * net.problem.directions[b, d, net.pushed[0, rod, i]]
+                if net.pushed[1, rod, i] >= 0:
+                    change.tip_push[i] = net.unit[1, rod][i] * net.problem.directions[b, d, net.pushed[1, rod, i]]
             beta = own.back * (own.base.frame * (own.base.turns * change.base_angle))
             if net.fixed_count > 0 or net.moved[d] >= 0:
                 beta += own.back * carry_ends(net, own, change, d)

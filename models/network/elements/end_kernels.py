@@ -6,6 +6,7 @@ Numbers in parentheses are those of ``docs/networks.md``.
 
 import warp as wp
 
+from multirod.models.joint_kernels import load_level
 from multirod.models.network.elements.records import Networks, RodGroup
 from multirod.models.network.joining.joints import MOST
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
@@ -75,6 +76,17 @@ def end_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> End:
         end.arm += moved
         end.position += moved
     return end
+
+
+@wp.func
+def pushed_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> wp.vec3d:
+    """(40) What acts along the coordinates of a joint."""
+    result = nothing()
+    level = load_level(net.loading[b], net.problem.load_factor[b])
+    for j in range(net.count[e, rod]):
+        if net.pushed[e, rod, j] >= 0:
+            result[j] = level * net.unit[e, rod][j] * net.problem.inputs[b, net.pushed[e, rod, j]]
+    return result
 
 
 @wp.func

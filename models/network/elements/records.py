@@ -65,6 +65,8 @@ class Networks:
     spring: wp.array2d[wp.vec3d]
     rest: wp.array2d[wp.vec3d]
     driven: wp.array3d[int]  # (end, rod, coordinate): which input it is, -1 of an unknown
+    pushed: wp.array3d[int]  # (40) (end, rod, coordinate): which input acts along it, -1 of none
+    unit: wp.array2d[wp.vec3d]  # (end, rod): of its coordinates
     variable: wp.array2d[int]  # (rod, variable): which unknown, -1 of what there is not
     load_place: wp.array[int]  # (rod,): among what forces act on, of a rod whose tip is free
     length: wp.array2d[wp.float64]  # (instance, rods and bodies): scales

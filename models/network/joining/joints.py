@@ -230,6 +230,7 @@ class JointTable:
         slide: (36) ``T``, how the end moves by the coordinates [m], shape (joint, 3, 3).
         stiffness: Of springs by the coordinates [N m], zero where there is none, shape (joint, 3).
         rest: Coordinates, shape (joint, 3).
+        unit: What they are told in, of those by which it slides a length [m], shape (joint, 3).
         driven: Whether its coordinates are inputs, shape (joint,).
         free: Coordinates of each that are unknowns, shape (joint,).
     """
@@ -240,7 +241,7 @@ class JointTable:
         self.driven: NDArray[np.bool_] = np.array([joint is not None and joint.driven for joint in joints], dtype=bool)
         self.free: NDArray[np.intp] = np.where(self.driven, 0, self.count)
         self.inner, self.outer, self.slide = np.zeros((3, size, 3, 3))
-        self.stiffness, self.rest = np.zeros((size, MOST)), np.zeros((size, MOST))
+        self.stiffness, self.rest, self.unit = np.zeros((size, MOST)), np.zeros((size, MOST)), np.ones((size, MOST))
         for k, (joint, length) in enumerate(zip(joints, lengths, strict=True)):
             if joint is None or not joint.count:
                 continue
@@ -253,6 +254,7 @@ class JointTable:
             if joint.kind == "universal":
                 self.inner[k, :, 1], self.outer[k, :, 1] = 0.0, joint.axes[1]
             self.stiffness[k, own], self.rest[k, own] = joint.stiffness * unit**2, joint.rest / unit
+            self.unit[k, own] = unit
 
     @property
     def slides(self) -> NDArray[np.bool_]:

@@ -322,6 +322,9 @@ class NetworkStability(StabilityAnalysis):
             elements = Elements(problem)
             carried, tip_position = np.array(elements.carried), np.array(elements.tip_position)
             total = problem.shapes.of_springs(state.angles)
+            pushes = graph.pushes(problem.read("inputs")[:, problem.pushed_place])
+            for push, angles in zip(pushes, state.angles, strict=True):  # (40)
+                total -= state.level * (push * angles).sum(axis=(1, 2))
             for group in problem.groups:
                 for part in group.backbones.shapes.stored_and_lost():
                     total += part.reshape(count, -1).sum(axis=1)

@@ -1,0 +1,154 @@
+"""Torques and forces along coordinates of joints: against springs at other rests, joints that are driven, and columns."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from test_joint_slides import EXACT, slid
+from test_joint_slides import GIVEN as SLID
+from test_network import GIVEN, mixed
+from test_network_branches import STEEP, hold_forces_against_the_potential
+from test_network_rods import at
+
+import multirod as mr
+
+# numbers of each joint, angles first: torques [N m], then forces [N]
+SLIDING = {
+    "slide_force": {"left base": 0.9, "left tip": -0.3, "upper base": 0.5},
+    "joint_torque": {"left tip": 0.03, "upper base": -0.02},
+}
+TURNING = {"joint_torque": {"left tip": 0.04, "right base": (0.03, 0.0), "upper tip": (-0.01, 0.02), "feeler base": 0.02}}
+
+
+def of_joint(pushes, joint):
+    """Of its coordinates in order, zero where nothing is given."""
+    name = f"{joint.rod} {joint.end}"
+    found = [np.atleast_1d(pushes[kind][name]) for kind in ("joint_torque", "slide_force") if name in pushes.get(kind, {})]
+    count = joint.stiffness.size
+    own = np.concatenate([*found, np.zeros(0)])
+    return own if own.size == count else np.zeros(count)
+
+
+def with_rests(robot, pushes):
+    """The same whose springs are at rest elsewhere, by as much as makes up for what acts along the coordinates."""
+    joints = []
+    for joint in robot.joints:
+        if joint.kind in ("clamped", "spherical") or joint.driven:
+            joints.append(joint)
+            continue
+        stiff = joint.stiffness.reshape(-1)
+        rest = joint.rest.reshape(-1) + np.divide(of_joint(pushes, joint), stiff, out=np.zeros(stiff.size), where=stiff > 0)
+        axis = joint.axes if joint.kind == "universal" else joint.axes[0]
+        spring = {"stiffness": stiff if stiff.size > 1 else stiff[0], "rest": rest if rest.size > 1 else rest[0]}
+        options = spring if stiff.any() else {}
+        joints.append(mr.Joint(joint.rod, joint.end, to=joint.to, pose=joint.pose, kind=joint.kind, axis=axis, **options))
+    rods = dict(zip(robot.graph.whole_names, (whole.rods[0] for whole in robot.graph.whole), strict=True))
+    return mr.Network(rods=rods, bodies=robot.bodies, joints=joints, end_effector=robot.end_effector)
+
+
+@pytest.mark.parametrize(
+    ("robot", "given", "pushes"), [(slid(), SLID, SLIDING), (mixed(), GIVEN, TURNING)], ids=["slid", "turned"]
+)
+def test_a_push_is_a_spring_that_is_at_rest_elsewhere(robot, given, pushes):
+    """(40) ``k (theta - rest) - Q = k (theta - rest - Q/k)``: the same equations, whatever is at the base, the tip or a body."""
+    found = mr.solve(robot, robot.inputs(**given, **pushes), solver=EXACT).raise_if_failed()
+    other = with_rests(robot, pushes)
+    expected = mr.solve(other, other.inputs(**given), solver=EXACT).raise_if_failed()
+    plain = mr.solve(robot, robot.inputs(**given), solver=EXACT).raise_if_failed()
+    assert np.linalg.norm(expected.tip_position - plain.tip_position) > 1e-3
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, atol=1e-10)
+    np.testing.assert_allclose(found.tip_rotation, expected.tip_rotation, atol=1e-9)
+    assert found.stability is expected.stability
+    if found.stability is mr.Stability.STABLE:
+        np.testing.assert_allclose(found.stability_margin, expected.stability_margin, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("robot", "given", "pushes"), [(slid(), SLID, SLIDING), (mixed(), STEEP, TURNING)], ids=["slid", "turned"]
+)
+def test_pushes_have_a_potential_and_columns(robot, given, pushes, difference):
+    hold_forces_against_the_potential(robot, given | pushes, push=0.02)
+    names = tuple(pushes)
+    inputs = robot.inputs(**given, **pushes)
+    options = {"pose_sensitivities": True, "enabled": names, **robot.input_directions(*names)}
+    problem = robot.problem(inputs, integrator=mr.RK4(20), **options)
+    x = problem.guess() + np.random.default_rng(3).standard_normal(problem.unknown_count)
+    problem.write("unknowns", x)
+    slopes, _ = problem.input_columns(*names)
+    row, way = problem.read("inputs"), np.random.default_rng(4).standard_normal(slopes.shape[2])
+    where = np.concatenate([np.arange(row.shape[1])[problem.input_slice(name)] for name in names])
+
+    def moved(t):
+        changed = row.copy()
+        changed[:, where] += t * way
+        problem.write("inputs", changed)
+        return problem.evaluate(x)[0][0]
+
+    # the residual is linear in them: rounding of differences of 1e-2
+    np.testing.assert_allclose(slopes[0] @ way, difference(moved, 1e-2), atol=1e-8)
+    # they rise with the load factor, as all loads do
+    parts = []
+    for level in (0.4, 1.0):
+        with problem.at_load(level):
+            parts.append(moved(1.0) - moved(0.0))
+    np.testing.assert_allclose(parts[0], 0.4 * parts[1], rtol=0, atol=1e-12 * np.abs(parts[1]).max())
+
+
+STRUT = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, axial_stiffness=1e4)
+
+
+@pytest.mark.parametrize(("end", "sense"), [("base", 1), ("tip", -1)])
+def test_a_strut_that_is_pushed_along_its_slide_gives_way_and_buckles(end, sense):
+    """It is shorter by ``F L/EA``; in a ball at the other end, it buckles where ``tan x = x``."""
+    other = "tip" if end == "base" else "base"
+    joints = [
+        mr.Joint("strut", end, to=mr.ground, pose=at(z=0.3 * (end == "tip")), kind="prismatic", axis=(0, 0, 1)),
+        mr.Joint("strut", other, to=mr.ground, pose=at(z=0.3 * (end == "base")), kind="spherical"),
+    ]
+    robot = mr.Network(rods={"strut": STRUT}, joints=joints)
+    pushed = mr.solve(robot, robot.inputs(slide_force={f"strut {end}": sense * 2.0}), solver=EXACT).raise_if_failed()
+    shape = pushed.rod("strut")
+    slid_by = shape.position[0 if end == "base" else -1, 2] - 0.3 * (end == "tip")
+    np.testing.assert_allclose(slid_by, sense * 2.0 * 0.3 / 1e4, rtol=1e-9)
+    np.testing.assert_allclose(shape.force[:, 2], -2.0, rtol=1e-9)
+    (load,) = mr.critical_loads(robot, robot.inputs(slide_force=sense))
+    euler = brentq(lambda x: np.tan(x) - x, 4.4, 4.6) ** 2 * 0.02 / 0.3**2
+    exact = 1e4 * (1 - np.sqrt(1 - 4 * euler / 1e4)) / 2  # F (1 - F/EA) of a column that is shorter then
+    np.testing.assert_allclose(load.load_factor, exact, rtol=1e-6)
+
+
+def test_a_torque_holds_a_hinge_where_it_was_driven_to():
+    """What drives a motor to an angle, taken for a torque of a hinge without a drive, leaves the arm where it was."""
+    arm = mr.Rod(length=0.3, bending_stiffness=0.2, torsional_stiffness=0.15, linear_density=0.05)
+    pose, given = {"to": mr.ground, "kind": "revolute", "axis": (0, 1, 0)}, {"gravity": (0, 0, -9.81)}
+    robots = [
+        mr.Network(rods={"arm": arm}, joints=[mr.Joint("arm", "base", **pose, **how)])
+        for how in ({"driven": True}, {"stiffness": 0.4})
+    ]
+    driven = mr.solve(robots[0], robots[0].inputs(angle=0.7, **given), solver=EXACT).raise_if_failed()
+    moment = driven.rod("arm").rotation[0] @ driven.rod("arm").moment[0]
+    torque = 0.4 * 0.7 - moment[1]  # its spring and the arm's weight
+    pushed = mr.solve(robots[1], robots[1].inputs(joint_torque=torque, **given), solver=EXACT).raise_if_failed()
+    np.testing.assert_allclose(pushed.tip_position, driven.tip_position, atol=1e-10)
+    assert pushed.stability is mr.Stability.STABLE
+
+
+def test_pushes_are_given_by_name_and_what_has_none_is_named(tmp_path):
+    robot = slid()
+    given = robot.inputs(**SLIDING)
+    assert robot.coordinate_names["slide_force"] == ("left base", "left tip", "right tip", "upper base", "feeler base")
+    assert robot.coordinate_names["joint_torque"] == ("left tip", "upper base")
+    np.testing.assert_array_equal(given.slide_force, (0.9, -0.3, 0, 0.5, 0))
+    with pytest.raises(ValueError, match="slide_force = 'right base' .*must be by name, one of 'left base', 'left tip'"):
+        robot.inputs(slide_force={"right base": 1.0})
+    plain = mr.Network(rods={"strut": STRUT}, joints=[mr.Joint("strut", "base", to=mr.ground)])
+    with pytest.raises(ValueError, match="slide_force = .* no joint that is not driven slides"):
+        plain.inputs(slide_force=1.0)
+    with pytest.raises(ValueError, match="joint_torque = .* no joint that is not driven turns about axes"):
+        plain.inputs(joint_torque=1.0)
+    solution = mr.solve(robot, robot.inputs(**SLID, **SLIDING), solver=EXACT).raise_if_failed()
+    solution.save(tmp_path / "pushed.npz")
+    again = mr.load(tmp_path / "pushed.npz")
+    np.testing.assert_array_equal(again.inputs.slide_force, given.slide_force)
+    dataset = solution.to_xarray()
+    assert dataset["input_slide_force"].coords["slide_force"].values.tolist() == list(robot.coordinate_names["slide_force"])
+    assert dataset["input_joint_torque"].values.tolist() == [0.03, -0.02]
