@@ -1,5 +1,7 @@
 """Critical loads: closed forms and stored values, folds, several in a row, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
@@ -207,6 +209,29 @@ def test_a_step_that_leads_to_another_branch_is_refused():
     """As beside a bifurcation that is imperfect by a little: both have the same tangents."""
     with pytest.raises(Apart, match="another branch is too near"):
         Line(lambda s: 0.4 - s, gap=0.4, aside=0.01).step()
+
+
+@pytest.mark.parametrize("width", [1e-12, 1e-6])
+def test_a_mode_that_no_eigenvalue_shows_is_found_where_it_is_hidden(width):
+    """As of a rod whose ends do not turn: what is hidden grows, and next to that place nothing is known."""
+    line, place = Line(lambda s: 2.0 + s, lambda s: 3.0), 0.3217
+
+    def point(s):
+        own = Line.point(line, s)
+        return replace(
+            own, modes=replace(own.modes, hidden=own.modes.hidden + 2 * (s > place), known=np.abs([s - place]) > width)
+        )
+
+    line.point = point
+    if width > 1e-8:
+        with pytest.raises(Apart, match="stability is not known: rounding hides it"):
+            line.step()
+        return
+    step = line.step()
+    assert [(change.before, change.after) for change in step.changes] == [(0, 2)]
+    np.testing.assert_allclose(places(step), place, rtol=0, atol=1e-11)
+    ((first, *_, last),) = step.undecided
+    assert last.place[1] - first.place[1] < 1e-4
 
 
 def test_a_mode_that_stays_neutral_is_no_change():

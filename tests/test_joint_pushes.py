@@ -116,6 +116,24 @@ def test_a_strut_that_is_pushed_along_its_slide_gives_way_and_buckles(end, sense
     np.testing.assert_allclose(load.load_factor, exact, rtol=1e-6)
 
 
+def test_a_strut_whose_ends_do_not_turn_buckles():
+    """``4 pi^2 EI/L^2``, pushed along a slide, or by a hand that comes nearer; (16) does not see that mode, its index does."""
+    euler = 4 * np.pi**2 * 0.02 / 0.3**2
+    exact = 1e4 * (1 - np.sqrt(1 - 4 * euler / 1e4)) / 2
+    hand, clamp = mr.Body("hand", pose=at(z=0.3), fixed=True), mr.Joint("strut", "base", to=mr.ground)
+    slide = mr.Joint("strut", "base", to=mr.ground, kind="prismatic", axis=(0, 0, 1))
+    pushed, held = (
+        mr.Network(rods={"strut": STRUT}, bodies=[hand], joints=[base, mr.Joint("strut", "tip", to=hand)])
+        for base in (slide, clamp)
+    )
+    nearer = held.inputs(fixed_position=(0, 0, -0.3 / 1e4))  # 1 N
+    for robot, inputs, start in ((pushed, pushed.inputs(slide_force=1.0), None), (held, nearer, held.inputs())):
+        with pytest.warns(mr.IncompleteWarning, match="so near to neutral"):
+            (load,) = mr.critical_loads(robot, inputs, start=start)
+        np.testing.assert_allclose(load.load_factor, exact, rtol=1e-9)
+        assert (load.index_before, load.index_after) == (0, 2)
+
+
 def test_a_torque_holds_a_hinge_where_it_was_driven_to():
     """What drives a motor to an angle, taken for a torque of a hinge without a drive, leaves the arm where it was."""
     arm = mr.Rod(length=0.3, bending_stiffness=0.2, torsional_stiffness=0.15, linear_density=0.05)

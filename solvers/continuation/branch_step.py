@@ -24,6 +24,7 @@ RETURN = 0.5  # smallest cosine between the tangents of a step
 EXACT = 1e-8  # of an eigenvalue over K/L: what the integration leaves of it, where columns do not tell
 SAME = 1e-5  # of a step: changes no further apart are one, of several modes
 NUDGE = 1e-7  # of a step
+HIDDEN = 1e-8  # along a branch: within which a change is told by what is on both sides of it
 LEVEL = 1e-3  # slope of the load along the branch under which it has a fold
 
 
@@ -96,6 +97,10 @@ class Step:
 
 class Apart(RuntimeError):
     """The ends of a step are not on one smooth branch, as far as can be seen."""
+
+
+class Unknown(Apart):
+    """Stability is not known at a place."""
 
 
 class Follower(Protocol):
@@ -240,7 +245,7 @@ class Inspection:
                 raise Apart("another branch is too near to be told apart")
             if point.modes.known[0]:
                 return _Sample(place, point)
-        raise Apart("stability is not known: rounding hides it")
+        raise Unknown("stability is not known: rounding hides it")
 
     def _places(self, part: _Part) -> list[tuple[float, int]]:
         """Where eigenvalues change their sign, and how the number of unstable modes changes; not of modes that stay neutral."""
@@ -253,14 +258,21 @@ class Inspection:
         from scipy.optimize import brentq
 
         left, right = part.left, part.right
-        ends = {left.distance: left.point, right.distance: right.point}
+        seen = {left.distance: left.point, right.distance: right.point}
 
         def value(place: float) -> float:
-            point = ends[place] if place in ends else self._at(part, place).point
-            return float(heights(point.modes, range(k, k + 1))[0])
+            if place not in seen:
+                seen[place] = self._at(part, place).point
+            return float(heights(seen[place].modes, range(k, k + 1))[0])
 
-        place = float(brentq(value, left.distance, right.distance, xtol=1e-12 * part.length, rtol=1e-14))
-        self._points[place] = ends[place] if place in ends else self._at(part, place).point
+        try:
+            place = float(brentq(value, left.distance, right.distance, xtol=1e-12 * part.length, rtol=1e-14))
+            value(place)
+        except Unknown:  # of a mode that no eigenvalue shows, its place is where rounding hides whether there is one
+            place = max(own for own in seen if (value(own) < 0) == (value(left.distance) < 0))
+            if min(own for own in seen if own > place) - place > HIDDEN:
+                raise
+        self._points[place] = seen[place]
         return place
 
     def _changes(self, places: list[tuple[float, int]]) -> tuple[Change, ...]:
