@@ -167,6 +167,7 @@ def robots() -> dict[str, list[mr.Assembly]]:
                     {"to": mr.Body("hand", pose=np.eye(4), fixed=True), "kind": "revolute", "axis": (1, 0, 0), "driven": True},
                 ),
                 (plain, {"kind": "prismatic", "axis": (1, 0, 0), "driven": True}),
+                (plain, {"kind": "cylindrical", "axis": (1, 0, 0), "stiffness": (1.0, 10.0)}),
                 (lined, {}),
             )
         ],
