@@ -41,7 +41,8 @@ class HeldRod(Assembly):
     ``end_force`` and ``end_moment`` what its holder does to it.
 
     Args:
-        rod: The rod. Its lines may be driven by displacement only where the base is clamped; no foundation.
+        rod: The rod. Its lines may be driven by displacement, and it may have a foundation and loads of its own, only
+            where the base is clamped.
         base: Pose of what holds the base, in the world, shape (..., 4, 4); the identity by default.
         end: Pose of what holds the end, in the world, shape (..., 4, 4), where ``end_position`` and ``end_rotation`` are zero; by
             default that of the end of the rod at rest.
@@ -73,12 +74,6 @@ class HeldRod(Assembly):
     ) -> None:
         if not isinstance(rod, Rod):
             raise TypeError(f"HeldRod takes a Rod, not {type(rod).__name__}")
-        if rod.is_embedded or rod.loads:
-            refuse(
-                "HeldRod.rod",
-                rod,
-                "must have no foundation and no loads of its own, which take a free tip",
-            )
         self.rods = (rod,)
         self.base = pose("HeldRod.base", base)
         self.end = None if end is None else pose("HeldRod.end", end)
@@ -92,6 +87,8 @@ class HeldRod(Assembly):
             np.broadcast_shapes(*shapes)
         except ValueError:
             refuse("HeldRod.end", Described(f"leading axes {shapes}"), "those of rod, base and end must broadcast")
+        if self.base_joint != "clamped" and (rod.is_embedded or rod.loads):
+            refuse("HeldRod.base_joint", base_joint, "must be 'clamped': a foundation or loads of its own turn with its base")
         if self.base_joint != "clamped" and self._free.has_conditions:
             refuse("HeldRod.base_joint", base_joint, "must be 'clamped': a line of the rod is driven by its displacement")
 

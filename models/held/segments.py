@@ -15,6 +15,7 @@ from multirod.batch import IntArray
 from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.segments.segments import BackboneSegments
+from multirod.models.backbone.stability.condensing.by_places import compliance_by_places
 from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm
 from multirod.models.held.kernels.arguments import Ends, Held
@@ -81,9 +82,11 @@ class HeldSegments(BackboneSegments):
         count, device, call = held.instance_count, held.device, self.call
         self.table = rod.buffers.table()  # whose base is as its holder: what turns in a joint there are states
         own_size = self._varied.size  # of variations as the kernel has them
-        self._position = slice(own_size, own_size + 3)
+        self._placed = self.features.loads_by_place  # whether positions are among these
+        self._position = self._varied.places["place"] if self._placed else slice(own_size, own_size + 3)
         carries = held.turns > 0 or bool(held.alike.any())
-        self._base_moment = slice(own_size + 3, own_size + 3 + 3 * carries)
+        first = own_size + 3 * (not self._placed)
+        self._base_moment = slice(first, first + 3 * carries)
         self.variation_size = self._base_moment.stop
         self._moment, self._rotation, self._force = (self._varied.places[name] for name in ("moment", "rotation", "force"))
         drives = self._varied.places["drives"]
@@ -136,6 +139,8 @@ class HeldSegments(BackboneSegments):
         states[:, self._state.places["grips"]] = 1.0
         x_force = unknowns[:, m - 3 : m]
         force = (turned @ x_force[:, :, None])[..., 0]
+        if self.features.world_force_is_state:
+            states[:, self._state.places["world_force"]] = force * self._force_unit[instances, None]
         by = np.zeros((count, self.variation_size, held.unknown_count))
         unit = stiffness[:, None] / self._stiffness[instances]
         by[:, self._moment, :3] = unit[:, :, None] * spin
@@ -158,14 +163,22 @@ class HeldSegments(BackboneSegments):
 
     def difference(self, instances: IntArray, states: FloatArray, others: FloatArray) -> FloatArray:  # noqa: D102
         result = super().difference(instances, states, others)
+        if self._placed:
+            return result
         place = self._state.places["position"]
         result[:, self._position] = (states[:, place] - others[:, place]) / self._scale[instances, None] ** 2
         return result
 
     def moved(self, instances: IntArray, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
         result = super().moved(instances, states, variations)
+        if self._placed:
+            return result
         result[:, self._state.places["position"]] += variations[:, self._position] * self._scale[instances, None] ** 2
         return result
+
+    def _axes(self, instances: IntArray) -> FloatArray:
+        """Those of the base's holder."""
+        return np.asarray(np.broadcast_to(np.eye(3), (len(instances), 3, 3)))
 
     # ---- launches ----
 
@@ -201,7 +214,10 @@ class HeldSegments(BackboneSegments):
         own_size, d = self._varied.size, self.variation_size
         values, square = found["columns"], self._scale[cuts.instances[cuts.owner], None, None] ** 2
         result = np.zeros((len(values), d, d + self.direction_count))
-        for rows, part in ((slice(0, own_size), values[:, :own_size]), (self._position, values[:, own_size:] / square)):
+        parts = [(slice(0, own_size), values[:, :own_size])]
+        if not self._placed:
+            parts.append((self._position, values[:, own_size:] / square))
+        for rows, part in parts:
             result[:, rows, :own_size] = part[:, :, :own_size]
             result[:, rows, d:] = part[:, :, own_size:]
         kept = np.arange(own_size, d)
@@ -305,7 +321,7 @@ class HeldSegments(BackboneSegments):
         return Modes(*(getattr(modes, name)[chosen] for name in ("values", "hidden", "uncertainty", "known", "diverging")))
 
     @property
-    def _asked(self) -> BoundaryProblem:
+    def asked(self) -> BoundaryProblem:
         """The held one, of whose unknowns the rod's are a part."""
         return self.held
 
@@ -330,6 +346,13 @@ class HeldSegments(BackboneSegments):
         found = self._launched(cuts, np.ones(len(cuts.instances)), table)
         chosen = cuts.instances
         transition, first = self._transitions(cuts, found), cuts.first
+        if self._placed:
+            by_work = self._by_work(transition, cuts)
+            R, tip = self._base(chosen)[0], found["end_state"][first[1:] - 1]
+            ends = R[cuts.owner] @ self._matrices(found["end_state"])
+            own = compliance_by_places(by_work, ends, first, self._work(cuts), self._scale[chosen], R, tip[:, :3])
+            form.put(np.flatnonzero(few), own)
+            return form
         names = (self._moment, self._position), (self._rotation, self._force)
         every = np.arange(self.variation_size)
         order = np.concatenate([np.concatenate([every[place] for place in half]) for half in names])

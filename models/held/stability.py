@@ -74,7 +74,7 @@ class HeldStability(StabilityAnalysis):
             wrench[points] = cut.wrench(problem.breakpoints)
             matrix[points] = by_segments.matrix
             condensed.conjugate[points], condensed.known[points] = by_segments.conjugate, by_segments.known
-        condensed.known[~rod.lines.stays_stiff()] = False
+        condensed.known[~rod.lines.stays_stiff() | rod.stability.place_unknown] = False
         stiffness = np.asarray(rod.sizes.least_stiffness)
         by = self._held_by()
         unit = np.ones((problem.instance_count, by.shape[1]))

@@ -186,7 +186,8 @@ def loaded(problem: "HeldProblem") -> NDArray[np.bool_]:
     """Whether anything acts on the rod or its end, shape (instance_count,)."""
     inputs = problem.read("inputs")[:, 2:-1]  # neither turned nor pushed out, nor the scale of functions of arclength
     inputs[:, problem.table.pose - 2 : problem.table.pose - 2 + 6] = 0.0
-    return np.asarray(inputs.any(axis=1) | (problem.rod.features.profile_degree >= 0))
+    terms = problem.rod.features
+    return np.asarray(inputs.any(axis=1) | (terms.profile_degree >= 0) | terms.world_force_is_state)
 
 
 def _lower(

@@ -15,7 +15,8 @@ from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
 from multirod.models.backbone.segments.growth import largest_singular_value
 from multirod.models.backbone.segments.room import NodeRooms, Room
-from multirod.models.backbone.stability.condensing.by_segments import form_by_places, form_by_segments
+from multirod.models.backbone.stability.condensing.by_places import form_by_places
+from multirod.models.backbone.stability.condensing.by_segments import form_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, CondensedForm, segments_needed
 from multirod.models.backbone.stability.condensing.tensions import without_tensions
 from multirod.models.backbone.units import unit_stiffness
@@ -298,14 +299,14 @@ class BackboneSegments(Segments):
         return modes
 
     @property
-    def _asked(self) -> BoundaryProblem:
+    def asked(self) -> BoundaryProblem:
         """The problem whose equilibria are known by breakpoints."""
         return self.problem
 
     @contextmanager
     def _known_by(self, points: dict[int, Breakpoints]) -> Iterator[None]:
         """The problem at these equilibria, where others read what it is at."""
-        problem, before, unknowns = self._asked, self._asked.breakpoints, self._asked.read("unknowns")
+        problem, before, unknowns = self.asked, self.asked.breakpoints, self.asked.read("unknowns")
         at = unknowns.copy()
         at[list(points)] = [own.unknowns for own in points.values()]
         problem.breakpoints = points

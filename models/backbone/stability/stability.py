@@ -69,10 +69,10 @@ class BackboneStability(StabilityAnalysis):
     @property
     def judged(self) -> NDArray[np.bool_]:
         """Of which instances the second variation is told, shape (instance_count,)."""
-        return np.asarray(self.has_potential & self.problem.lines.stays_stiff() & (not self._place_unknown))
+        return np.asarray(self.has_potential & self.problem.lines.stays_stiff() & (not self.place_unknown))
 
     @property
-    def _place_unknown(self) -> bool:
+    def place_unknown(self) -> bool:
         """Whether forces depend on the configuration in a way of which stability is not told."""
         problem = self.problem
         known = len(problem.rods) == 1 and not problem.features.condition_count
@@ -133,7 +133,7 @@ class BackboneStability(StabilityAnalysis):
 
     def _told_by_sign(self, potential: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Where the sign of ``det Gamma`` is all that tells of instability, shape (instance_count,)."""
-        return np.asarray((~potential | self._place_unknown) & (not self.problem.features.measured))
+        return np.asarray((~potential | self.place_unknown) & (not self.problem.features.measured))
 
     def condensed_form(self, joint: TipJoint | None = None, *, tensions_fixed: bool = False) -> tuple[CondensedForm, FloatArray]:
         """The second variation at ``unknowns``, condensed to the tip, or to what a ``joint`` gives there, and ``det Gamma``
@@ -155,7 +155,7 @@ class BackboneStability(StabilityAnalysis):
         expected = self._segments_expected()
         nodes = self._nodes(np.minimum(np.where(np.isnan(expected), 0.0, expected), MOST_NODES_AT_FIRST - 2))
         open_, shifted = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
-        if self.problem.features.world_force_is_state and not self._place_unknown:
+        if self.problem.features.world_force_is_state and not self.place_unknown:
             return self._by_place(), determinant
         if self.problem.breakpoints:
             cut = list(self.problem.breakpoints)
@@ -192,7 +192,7 @@ class BackboneStability(StabilityAnalysis):
     def _by_place(self) -> CondensedForm:
         """(22), (23) Of all instances whose forces depend on where they are, by segments between which they lead on."""
         problem, cut = self.problem, self.problem.cut
-        everyone, unknowns = np.arange(problem.instance_count), problem.read("unknowns")
+        everyone, unknowns = np.arange(problem.instance_count), cut.asked.read("unknowns")
         length, states = cut.length(everyone), cut.base_state(everyone, unknowns)
         steps = np.array([problem.integrator.steps or 0], dtype=np.int32)
         points = {k: Breakpoints(np.array([0.0, length[k]]), states[k : k + 1], unknowns[k], steps) for k in everyone.tolist()}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.stability.condensing.inverses import are_sound, by_cofactors, inverses, negative_count
+from multirod.models.backbone.stability.condensing.inverses import are_sound, by_cofactors, negative_count
 from multirod.models.backbone.stability.condensing.second_variation import WORST_CONDITION, CondensedForm
 from multirod.rotations import cross
 from multirod.validation import FloatArray
@@ -62,48 +62,6 @@ def form_by_segments(
     W[:, :, :3] = W[:, :, :3] @ tip.swapaxes(1, 2)
     W[~known], conjugate[~known] = np.nan, 0
     return CondensedForm(W[:, :3, :3].copy(), conjugate, known), W
-
-
-def form_by_places(transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray) -> CondensedForm:
-    """(22), (23) ``form_by_segments`` of rods on which forces act that depend on where they are.
-
-    Args:
-        transition: Of moment and negative position, then of rotation and force, each half the conjugate of the other up to
-            ``unit``; moment and rotation in the frames where segments begin and end, shape (segment, 12, 12); the segments of one
-            instance after those of another.
-        ends: Where they end, body to world, shape (segment, 3, 3).
-        first: Where the segments of each instance begin, then how many there are, shape (batch + 1,).
-        unit: Energy per square of what varies [N m], shape (batch,).
-    """
-    count, lengths = len(first) - 1, np.diff(first)
-    conjugate, known, W = np.zeros(count, dtype=int), np.ones(count, dtype=bool), np.zeros((count, 6, 6))
-    by_wrench, coupling = [0, 1, 2, 9, 10, 11], np.eye(3)
-    with np.errstate(all="ignore"):  # what is not sound need not be finite
-        for k in range(int(lengths.max())):
-            on = np.flatnonzero(lengths > k)
-            T = transition[first[on] + k]
-            if k > 0:
-                # how moment and force where the segment begins answer rotation and position there, its end being held
-                held, sound = inverses(T[:, 6:][:, :, by_wrench])
-                right = held @ T[:, 6:][:, :, [6, 7, 8, 3, 4, 5]]
-                right[:, 3:] *= -1.0
-                pivot = np.zeros((len(on), 9, 9))
-                pivot[:, :6, :6] = right
-                pivot[:, :3, :3] += W[on, :3, :3]
-                pivot[:, :3, 6:], pivot[:, 6:, :3], pivot[:, 6:, 6:] = W[on, :3, 3:], W[on, 3:, :3], W[on, 3:, 3:]
-                pivot[:, 3:6, 6:] = pivot[:, 6:, 3:6] = -coupling
-                known[on] &= sound & np.isfinite(pivot).all(axis=(1, 2))
-                pivot[~known[on]] = 0.0
-                conjugate[on] += (np.linalg.eigvalsh(pivot + pivot.swapaxes(1, 2)) < 0).sum(axis=1) - 3
-            led = T[:, :, by_wrench] if k == 0 else T[:, :, 6:] + T[:, :, :6] @ W[on]
-            inverse, sound = inverses(led[:, 6:])
-            known[on] &= sound
-            W[on] = led[:, :6] @ inverse
-    tip = ends[first[1:] - 1]
-    matrix = tip @ (unit[:, None, None] * W[:, :3, :3]) @ tip.swapaxes(1, 2)
-    known &= np.isfinite(matrix).all(axis=(1, 2))
-    matrix[~known], conjugate[~known] = np.nan, 0
-    return CondensedForm(matrix, conjugate.astype(np.int32), known)
 
 
 @dataclass(frozen=True)

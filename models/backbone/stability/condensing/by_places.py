@@ -1,0 +1,137 @@
+"""The condensed form of rods on which forces act that depend on where they are, from what segments make of a variation.
+
+Variations are those of moment and negative position, then of rotation and force, each half the conjugate of the other up to a
+``unit``; moment and rotation in the frames where segments begin and end. Numbers in parentheses are those of
+``docs/stability.md``.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.backbone.stability.condensing.inverses import inverses
+from multirod.models.backbone.stability.condensing.second_variation import WORST_CONDITION, CondensedForm
+from multirod.rotations import cross_matrix
+from multirod.validation import FloatArray
+
+WRENCH = [0, 1, 2, 9, 10, 11]  # moment and force
+POSE = [6, 7, 8, 3, 4, 5]  # rotation and negative position
+HELD, FREE = slice(6, 12), WRENCH  # what is given where a segment ends whose tip is held as in (22), or free
+
+
+class Elimination:
+    """(22), (23) Nodes of a batch eliminated one after another, from the base on.
+
+    Attributes:
+        W: How moment and negative position follow from rotation and force where the segments end, shape (batch, 6, 6).
+        conjugate: Negative eigenvalues of what was eliminated, shape (batch,).
+        known: Whether rounding leaves the signs, shape (batch,).
+    """
+
+    def __init__(self, count: int) -> None:
+        self.W = np.zeros((count, 6, 6))
+        self.conjugate, self.known = np.zeros(count, dtype=np.int32), np.ones(count, dtype=bool)
+
+    def node(self, on: NDArray[np.intp], T: FloatArray, given: slice | list[int]) -> None:
+        """Eliminate the node between what there is and the next segments, of which some is ``given`` where they end."""
+        W = self.W[on]
+        # how moment and force where the segment begins answer rotation and position there
+        held, sound = inverses(T[:, given][:, :, WRENCH])
+        right = held @ T[:, given][:, :, POSE]
+        right[:, 3:] *= -1.0
+        pivot = np.zeros((len(on), 9, 9))
+        pivot[:, :6, :6] = right
+        pivot[:, :3, :3] += W[:, :3, :3]
+        pivot[:, :3, 6:], pivot[:, 6:, :3], pivot[:, 6:, 6:] = W[:, :3, 3:], W[:, 3:, :3], W[:, 3:, 3:]
+        pivot[:, 3:6, 6:] = pivot[:, 6:, 3:6] = -np.eye(3)
+        self.known[on] &= sound & np.isfinite(pivot).all(axis=(1, 2))
+        pivot[~self.known[on]] = 0.0
+        self.conjugate[on] += (np.linalg.eigvalsh(pivot + pivot.swapaxes(1, 2)) < 0).sum(axis=1).astype(np.int32) - np.int32(3)
+
+    def led(self, on: NDArray[np.intp], T: FloatArray) -> FloatArray:
+        """Variations where these segments end, by rotation and force where they begin, shape (k, 12, 6)."""
+        return np.asarray(T[:, :, 6:] + T[:, :, :6] @ self.W[on])
+
+    def go_on(self, on: NDArray[np.intp], led: FloatArray) -> None:
+        """To where these segments end."""
+        inverse, sound = inverses(led[:, 6:])
+        self.known[on] &= sound
+        self.W[on] = led[:, :6] @ inverse
+
+
+def form_by_places(
+    transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray
+) -> CondensedForm:
+    """``form_by_segments`` of rods whose tips are free.
+
+    Args:
+        transition: Shape (segment, 12, 12), the segments of one instance after those of another.
+        ends: Frames where they end, body to world, shape (segment, 3, 3).
+        first: Where the segments of each instance begin, then how many there are, shape (batch + 1,).
+        unit: Energy per square of what varies [N m], shape (batch,).
+    """
+    found, lengths = Elimination(len(first) - 1), np.diff(first)
+    with np.errstate(all="ignore"):  # what is not sound need not be finite
+        for k in range(int(lengths.max())):
+            on = np.flatnonzero(lengths > k)
+            T = transition[first[on] + k]
+            if k > 0:
+                found.node(on, T, HELD)
+            found.go_on(on, T[:, :, WRENCH] if k == 0 else found.led(on, T))
+    tip = ends[first[1:] - 1]
+    matrix = tip @ (unit[:, None, None] * found.W[:, :3, :3]) @ tip.swapaxes(1, 2)
+    known = found.known & np.isfinite(matrix).all(axis=(1, 2))
+    matrix[~known], found.conjugate[~known] = np.nan, 0
+    return CondensedForm(matrix, found.conjugate, known)
+
+
+def compliance_by_places(
+    transition: FloatArray,
+    ends: FloatArray,
+    first: NDArray[np.integer[Any]],
+    unit: FloatArray,
+    length: FloatArray,
+    base: FloatArray,
+    moment: FloatArray,
+) -> CondensedForm:
+    """``compliance_by_segments`` of rods whose bases are clamped, two segments or more of each.
+
+    Args:
+        transition: As ``form_by_places`` has it, likewise the next three.
+        ends: Frames where segments end.
+        first: Where those of each instance begin.
+        unit: Energy per square of what varies.
+        length: In which positions are told [m], shape (batch,).
+        base: Frame in which positions and forces are told, body to world, shape (batch, 3, 3).
+        moment: At the tip, in its own frame [N m], shape (batch, 3).
+    """
+    count, lengths = len(first) - 1, np.diff(first)
+    found, at_tip = Elimination(count), np.zeros((count, 12, 6))
+    with np.errstate(all="ignore"):  # what is not sound need not be finite
+        for k in range(int(lengths.max())):
+            on = np.flatnonzero(lengths > k)
+            T, last = transition[first[on] + k], lengths[on] == k + 1
+            some = on[last]
+            # moments vary by rotations along geodesics, so that the form is symmetric
+            T[last, :3] -= 0.5 * cross_matrix(moment[some] / unit[some, None]) @ T[last, 6:9]
+            if k > 0:
+                # the tip is free: its own rotation is eliminated before that of the last breakpoint
+                for ended, given in ((last, FREE), (~last, HELD)):
+                    if ended.any():
+                        found.node(on[ended], T[ended], given)
+            led = T[:, :, WRENCH] if k == 0 else found.led(on, T)
+            at_tip[some] = led[last]
+            if not last.all():
+                found.go_on(on[~last], led[~last])
+        wrench = np.where(found.known[:, None, None], at_tip[:, WRENCH], np.eye(6))
+        known = found.known & np.isfinite(at_tip).all(axis=(1, 2))
+        known &= np.linalg.cond(np.nan_to_num(wrench)) < WORST_CONDITION
+        pose = at_tip[:, POSE]
+        pose[:, 3:] *= -1.0
+        matrix = -pose @ np.linalg.inv(np.where(known[:, None, None], wrench, np.eye(6)))
+    axes = np.zeros((count, 6, 6))
+    axes[:, :3, :3], axes[:, 3:, 3:] = ends[first[1:] - 1], length[:, None, None] * base
+    matrix = axes @ matrix @ axes.swapaxes(1, 2) / unit[:, None, None]
+    matrix[~known] = np.nan
+    return CondensedForm(matrix, np.where(known, found.conjugate, 0).astype(np.int32), known)
