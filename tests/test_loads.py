@@ -232,6 +232,28 @@ def test_equilibrium_is_that_of_an_independent_integration(name):
     assert np.linalg.norm(mr.solve(free, free.inputs(tip_force=FORCE)).tip_position - end[:3]) > 0.01  # the load does something
 
 
+@pytest.mark.parametrize("name", ["drag", "both"])
+def test_a_held_rod_is_that_of_an_independent_integration(name):
+    loads, acts = LAWS[name]
+    held = mr.HeldRod(rod(*loads, shear_stiffness=40.0, axial_stiffness=90.0))
+    moved = held.inputs(end_position=(0.01, -0.02, -0.03), end_rotation=(0.2, 0, 0.1))
+    solution = mr.solve(held, moved, solver=PRECISE).raise_if_failed()
+    shape = solution.rod(0, nodes=2)
+
+    def rates(s, y):
+        R, m, n = y[3:12].reshape(3, 3), y[12:15], y[15:]
+        f, l = acts(y[:3], R, s)
+        u, v = U_STAR + R.T @ m / STIFFNESS, [0, 0, 1] + R.T @ n / [40.0, 40.0, 90.0]
+        spin = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
+        return np.concatenate([R @ v, (R @ spin).ravel(), -np.cross(R @ v, n) - l, -f])
+
+    start = np.concatenate([np.zeros(3), np.eye(3).ravel(), shape.moment[0], shape.force[0]])
+    end = solve_ivp(rates, (0, LENGTH), start, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    np.testing.assert_allclose(end[:3], solution.tip_position, atol=1e-9)
+    np.testing.assert_allclose(end[15:], solution.end_force, atol=1e-7)
+    assert str(solution.stability) in ("UNKNOWN", "UNSTABLE")  # neither is convex
+
+
 def sheathed() -> mr.ConcentricTubes:
     """Tubes, each with a load of its own."""
     outer = rod(Drag(0.5, 1.0), length=0.14, bending_stiffness=0.03, torsional_stiffness=0.02, precurvature=(0, 9.0, 0))
@@ -298,8 +320,8 @@ def test_where_loads_are_not_modelled_they_are_refused(tmp_path):
     poses = np.tile(np.eye(4), (2, 1, 1))
     with pytest.raises(ValueError, match=r"legs\[0\] = .* must have no foundation and no loads of its own"):
         mr.ParallelRods(legs=[rod(DRAG), rod(DRAG)], base=poses, platform=poses)
-    with pytest.raises(ValueError, match=r"HeldRod.rod = .* must have no foundation and no loads of its own"):
-        mr.HeldRod(rod(DRAG), end=poses[0])
+    with pytest.raises(ValueError, match=r"HeldRod.base_joint = .* a foundation or loads of its own turn with its base"):
+        mr.HeldRod(rod(DRAG), end=poses[0], base_joint="spherical")
     with pytest.raises(ValueError, match=r"Rod.loads = .* must be one of each kind"):
         rod(DRAG, DRAG)
     with pytest.raises(ValueError, match=r"Rod.loads = .* must be a list of Load"):

@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 P = TypeVar("P", bound="BoundaryProblem")
 
 STEPS = 48  # of a rod
-PER_RADIAN = 20  # by which it is bent at rest
+PER_RADIAN = 20  # by which it is bent at rest, or of its waves
 MOST_STEPS = 1024
 
 
 def step_counts(backbones: "Iterable[BackboneProblem]", count: int) -> IntArray:
-    """How many equal steps each of ``count`` instances needs, by its rod that is bent the most at rest, shape (count,)."""
-    every = [own.curvature_scale() * own.each(own.arrays.end[:, 0, -1]) for own in backbones]
+    """How many equal steps each of ``count`` instances needs, by its rod that is bent the most at rest, or has the shortest waves
+    in a medium, shape (count,)."""
+    every = [np.maximum(own.curvature_scale() * own.each(own.arrays.end[:, 0, -1]), own.sizes.waves()) for own in backbones]
     bent = np.max([own.reshape(count, -1).max(axis=1) for own in every], axis=0)
     return np.asarray(np.clip(np.ceil(PER_RADIAN * bent), STEPS, MOST_STEPS).astype(np.intp))
 

@@ -64,12 +64,14 @@ def _alike(problem: "HeldProblem") -> NDArray[np.bool_]:
     """The same whatever holds its base."""
     arrays, features = problem.rod.arrays, problem.rod.features
     material = arrays.material[:, 0]
-    told = problem.holders.joint == REVOLUTE or features.members or features.loads
+    told = problem.holders.joint == REVOLUTE or features.members
     if told or features.distributed_force or features.distributed_moment or features.profile_degree >= 0:
         return np.zeros(problem.instance_count, dtype=bool)
     if problem.holders.slide is not None and abs(problem.holders.slide[2]) < 1 - ON_AXIS:
         return np.zeros(problem.instance_count, dtype=bool)
     same = (material[..., 0] == material[..., 1]).all(axis=1) & (material[..., 6] == material[..., 7]).all(axis=1)
+    for load in features.loads:
+        same = same & load.same_across(problem.rod.sizes)
     return np.asarray((problem.rod.each(same) == 1) & straight_at_rest(problem))
 
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
@@ -43,6 +44,11 @@ class Foundation(Load):
     def spring_bound(cls, sizes) -> FloatArray:
         """Of a rod in it, of several the most that one brings."""
         return sizes.problem.each(sizes.problem.arrays.material[..., MEDIUM : MEDIUM + 3].max(axis=(1, 2, 3)))
+
+    @classmethod
+    def same_across(cls, sizes) -> NDArray[np.bool_]:
+        k = sizes.problem.arrays.material[..., MEDIUM : MEDIUM + 2]
+        return np.asarray((k[..., 0] == k[..., 1]).all(axis=(1, 2)))
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:

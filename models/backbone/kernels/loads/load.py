@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
@@ -76,6 +77,11 @@ class Load(ABC):
         """The most by which a force per length grows with the position [N/m^2], shape (instance_count,); zero of a law without
         ``spring``."""
         return np.zeros(sizes.problem.instance_count)
+
+    @classmethod
+    def same_across(cls, sizes: "Sizes") -> NDArray[np.bool_]:
+        """Whether it tells no directions across the axis of the base apart, shape (rods,) or (1,)."""
+        return np.zeros(1, dtype=bool)
 
     @classmethod
     def on_stretch(cls, n: int) -> list[Slot]:

@@ -60,9 +60,7 @@ class Elimination:
         self.W[on] = led[:, :6] @ inverse
 
 
-def form_by_places(
-    transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray
-) -> CondensedForm:
+def form_by_places(transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray) -> CondensedForm:
     """``form_by_segments`` of rods whose tips are free.
 
     Args:
