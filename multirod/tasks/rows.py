@@ -1,6 +1,5 @@
 """Rows of a task: what is asked of an equilibrium, or measured of it. Numbers in parentheses: ``docs/tasks.md``."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.assembly import is_rotation, not_turned
 from multirod.batch import Instances, IntArray, broadcast_shapes, take
-from multirod.problem import PosesSensed
 from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
@@ -34,14 +32,6 @@ class Rows(Protocol):
 
     def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
         """``W (h - y)`` (b, m), and its derivatives by the unknowns (b, m, n) and by what is freed (b, m, k)."""
-
-
-class Placed(Protocol):
-    """What an integration said along the rods."""
-
-    @property
-    def poses(self) -> Mapping[int, PosesSensed]:
-        """By rod."""
 
 
 class Pose:
@@ -218,14 +208,6 @@ class PoseRows:
         position, rotation, by_unknowns, by_free = found.pose_at(self.place)
         errors, maps = self.errors(position, rotation)
         return errors, maps @ by_unknowns, maps @ by_free
-
-    def put(self, found: Placed, told: FloatArray) -> None:
-        """Of a marker, errors, then derivatives by unknowns and by what is freed, into ``told`` (b, m, 1 + n + k)."""
-        assert self.place is not None
-        rod, place = self.place
-        there = found.poses[rod]
-        told[..., 0], maps = self.errors(there.position[:, place], there.rotation[:, place])
-        np.matmul(maps, there.columns[:, place], out=told[..., 1:])
 
     def errors(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``W (h - y)`` (b, m) at poses, and its derivative by the pose's six rows, shape (b, m, 6)."""

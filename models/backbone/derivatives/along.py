@@ -4,7 +4,7 @@ Numbers in parentheses are those of ``docs/derivatives.md``.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import warp as wp
@@ -19,6 +19,7 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
+Posing: TypeAlias = tuple[Any, tuple[Any, Any, Any], list[FloatArray]]
 QUANTITIES = ("position", "rotation", "curvature")
 SHARED = ("residual", "gamma", "residual_directions", "pose_columns")
 
@@ -83,7 +84,7 @@ class AlongPass:
                 wrench.values = wp.zeros((batch, 6), dtype=wp.float64, device=device)
                 wrench.columns = wp.zeros((batch, 6, columns), dtype=wp.float64, device=device)
         self._bending: dict[int, tuple[Any, Any, FloatArray | None]] = {}
-        self._posing: dict[int, tuple[Any, tuple[Any, Any, Any]]] = {}
+        self._posing: dict[int, Posing] = {}
         self._launch = problem.lane_pass(features, self._call, columns=(n, problem.direction_count))
 
     def at(self, places: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -122,13 +123,13 @@ class AlongPass:
         """(D12) Of the last launch: where the places of a rod are, and how they vary, by unknowns, then by directions."""
         if rod not in self._posing:
             self._posing[rod] = self._poses(rod)
-        launch, found = self._posing[rod]
+        launch, found, same = self._posing[rod]
         launch.launch()
-        lever, rotation, moved = (np.array(own.numpy()) for own in found)
+        lever, rotation, moved = (np.array(own) for own in (same or [each.numpy() for each in found]))
         return PosesAlong(lever, rotation, {"position": moved[:, :, :3], "rotation": moved[:, :, 3:]})
 
-    def _poses(self, rod: int) -> tuple[Any, tuple[Any, Any, Any]]:
-        """What finds ``poses``: its launch, the arrays it writes."""
+    def _poses(self, rod: int) -> Posing:
+        """What finds ``poses``: its launch, the arrays it writes, on the CPU as NumPy sees them in place."""
         found, layout, device = self._call.node_columns, self.layout.column, self.problem.device
         count, places, columns = found.shape[0], found.shape[1] - 1, found.shape[3] - 1
         told: tuple[Any, Any, Any] = (

@@ -21,6 +21,7 @@ class Filter:
     task: Condensed
     # sensors
     kind: wp.array[wp.vec3i]  # of each, whether it is a pose with a position, a rotation, an axis; else its rows are ``told``
+    marker: wp.array[int]  # of each pose along a rod its number, -1 of others
     row: wp.array[int]  # the first of each
     whitening: wp.array3d[wp.float64]  # of rows of poses, lower triangular, (sensor, 6, 6)
     # what they say
@@ -28,6 +29,8 @@ class Filter:
     rotation: wp.array2d[wp.mat33d]
     axis: wp.array2d[wp.vec3d]
     across: wp.array2d[wp.vec3d]
+    marks: Condensed  # of markers, where they are, their frames, and what is carried; the first axis is (instance, marker)
+    columns: wp.array3d[wp.float64]  # of these poses by x and by p, (instance times marker, 6, n + k)
     told: wp.array3d[wp.float64]  # rows, each its error, then its derivatives by x and by p, (instance, m, 1 + n + k)
     known: wp.array2d[int]  # which rows there are, (instance, m)
     gated: int
@@ -50,6 +53,8 @@ class Filter:
     # room
     r: wp.array2d[wp.float64]  # (3), (instance, m)
     J: wp.array3d[wp.float64]
+    marker_r: wp.array2d[wp.float64]  # the same of each marker, (instance times marker, 6)
+    marker_J: wp.array3d[wp.float64]
     normal: wp.array3d[wp.float64]  # J^T r and J^T J beside each other, (instance, k, 1 + k)
     system: wp.array3d[wp.float64]  # (instance, k, k)
     sides: wp.array3d[wp.float64]  # the step and the covariance, (instance, k, 1 + k)
@@ -108,25 +113,59 @@ def whiten(s: Filter, t: int, i: int):
 
 
 @wp.func(inline=False)
+def pose_rows(
+    task: Condensed, r: wp.array2d[wp.float64], J: wp.array3d[wp.float64], t: int, row: int, s: Filter, own: int, i: int
+):
+    """(3) Of a sensor ``i`` of instance ``own``, which sees the pose ``t`` of ``task``."""
+    kind = s.kind[i]
+    angles = int(row)
+    if kind[0] == 1:
+        position_rows(task, r, J, t, row, s.position[own, i], f64(1.0))
+        angles = row + 3
+    if kind[0] == 2:
+        sighted_rows(task, r, J, t, row, s.position[own, i], s.across[own, i], f64(1.0))
+        angles = row + 2
+    if kind[1] != 0:
+        rotation_rows(task, r, J, t, angles, s.rotation[own, i], f64(1.0))
+    if kind[2] != 0:
+        axis_rows(task, r, J, t, angles, s.axis[own, i], f64(1.0))
+
+
+@wp.func(inline=False)
+def marker_rows(s: Filter, t: int, i: int):
+    """(2), (3) Of a pose along a rod."""
+    n = s.task.gamma.shape[1]
+    k = s.walked.shape[1]
+    q = t * (s.columns.shape[0] // s.r.shape[0]) + s.marker[i]
+    for row in range(6):
+        for j in range(1 + k):
+            total = f64(0.0)
+            if j > 0:
+                total = s.columns[q, row, n + j - 1]
+            for l in range(n):
+                total += s.columns[q, row, l] * s.task.shift[t, l, j]
+            s.marks.carried[q, row, j] = total
+    pose_rows(s.marks, s.marker_r, s.marker_J, q, 0, s, t, i)
+    first = s.row[i]
+    for row in range(end_of(s, i) - first):
+        s.r[t, first + row] = s.marker_r[q, row]
+        for j in range(k):
+            s.J[t, first + row, j] = s.marker_J[q, row, j]
+
+
+@wp.func(inline=False)
 def place_rows(s: Filter, t: int):
     """(3) Of all sensors; zeros in the place of those that are missing."""
     for i in range(s.kind.shape[0]):
         kind = s.kind[i]
-        row = int(s.row[i])
-        if kind[0] == 1:
-            position_rows(s.task, s.r, s.J, t, row, s.position[t, i], f64(1.0))
-            row += 3
-        if kind[0] == 2:
-            sighted_rows(s.task, s.r, s.J, t, row, s.position[t, i], s.across[t, i], f64(1.0))
-            row += 2
-        if kind[1] != 0:
-            rotation_rows(s.task, s.r, s.J, t, row, s.rotation[t, i], f64(1.0))
-        if kind[2] != 0:
-            axis_rows(s.task, s.r, s.J, t, row, s.axis[t, i], f64(1.0))
         if kind[0] + kind[1] + kind[2] == 0:
-            for own in range(row, end_of(s, i)):
-                told_row(s, t, own)
+            for row in range(s.row[i], end_of(s, i)):
+                told_row(s, t, row)
         else:
+            if s.marker[i] < 0:
+                pose_rows(s.task, s.r, s.J, t, s.row[i], s, t, i)
+            else:
+                marker_rows(s, t, i)
             whiten(s, t, i)
     for row in range(s.r.shape[1]):
         if s.known[t, row] == 0:

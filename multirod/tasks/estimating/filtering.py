@@ -14,12 +14,15 @@ from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.shooting import Shooting
 from multirod.status import Status, failures
 from multirod.tasks.condensed import condensed
+from multirod.tasks.condensed_kernels import Condensed
 from multirod.tasks.estimating.bounded import Bounds
 from multirod.tasks.estimating.estimate import at_means
 from multirod.tasks.estimating.filter_kernels import Filter, make_filter
 from multirod.tasks.estimating.inference import Posterior, deviations, largest_square, roots
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.formulation import input_units
+from multirod.tasks.measuring.along import Along
+from multirod.tasks.measuring.curvature import CurvatureRows
 from multirod.tasks.measuring.sensors import Live
 from multirod.tasks.rows import PoseRows
 from multirod.tasks.watch import Watch
@@ -93,6 +96,44 @@ class FilterSolver(Solver):
         return _FilterTrack(self, problem)
 
 
+class _Markers:
+    """Poses along rods, as kernels read them: the fields of ``state`` that are of markers."""
+
+    def __init__(self, live: Live, state: Any, count: int, n: int, k: int, device: str) -> None:  # noqa: ANN401  (of Warp)
+        own = [rows.place if isinstance(rows, PoseRows) else None for rows in live.rows]
+        self.places = [place for place in own if place is not None]
+        numbers = [-1 if place is None else sum(other is not None for other in own[:i]) for i, place in enumerate(own)]
+        state.marker = wp.array(np.array(numbers, dtype=np.int32), dtype=wp.int32, device=device)
+        size = count * max(len(self.places), 1)
+        state.marks, self._shared = Condensed(), []
+        for fields, name, shape, dtype in (
+            (state.marks, "position", (), wp.vec3d),
+            (state.marks, "rotation", (), wp.mat33d),
+            (state, "columns", (6, n + k), wp.float64),
+        ):
+            shared = Shared((size, *shape), dtype, device)
+            setattr(fields, name, shared.array)
+            self._shared.append(shared)
+        self._values = [shared.values.reshape(count, -1, *shared.values.shape[1:]) for shared in self._shared]
+        for fields, name, shape in ((state.marks, "carried", (6, 1 + k)), (state, "marker_r", (6,)), (state, "marker_J", (6, k))):
+            setattr(fields, name, wp.zeros((size, *shape), dtype=wp.float64, device=device))
+
+    def put(self, found: Along) -> None:
+        """What the last integration said of them."""
+        if not self.places:
+            return
+        position, rotation, columns = self._values
+        for j, (rod, place) in enumerate(self.places):
+            there = found.poses[rod]
+            position[:, j], rotation[:, j], columns[:, j] = (
+                there.position[:, place],
+                there.rotation[:, place],
+                there.columns[:, place],
+            )
+        for shared in self._shared:
+            shared.send()
+
+
 class _FilterTrack(Track):
     """The filter on the buffers of one problem."""
 
@@ -109,9 +150,10 @@ class _FilterTrack(Track):
         shared = known.state | live.poses | {"known": live.there}
         apart = not wp.get_device(problem.device).is_cpu
         self._sent, self._fetched = (list(each.values()) if apart else [] for each in (shared, known.state))
-        along = [index for index, sensor in enumerate(live.sensors) if sensor.places is not None]
-        self._told = Shared((count, m, 1 + n + k) if along else (1, 1, 1), wp.float64, problem.device)
-        self._along = [(index, self._told.values[:, live.slices[index]]) for index in along]
+        bent = [index for index, rows in enumerate(live.rows) if isinstance(rows, CurvatureRows)]
+        self._told = Shared((count, m, 1 + n + k) if bent else (1, 1, 1), wp.float64, problem.device)
+        self._bent = [(index, self._told.values[:, live.slices[index]]) for index in bent]
+        self._markers = _Markers(live, state, count, n, k, problem.device)
         for name, each in (shared | {"told": self._told}).items():
             setattr(state, name, each.array)
         room = {"r": (m,), "J": (m, k), "normal": (k, 1 + k), "system": (k, k), "sides": (k, 1 + k), "unknowns": (n,)}
@@ -220,12 +262,14 @@ class _FilterTrack(Track):
     def _tell(self) -> None:
         """Rows that kernels do not know of; columns that they do not find."""
         self._columns.update()
-        if not self._along:
+        if not (self._bent or self._markers.places):
             return
         found = self.task.sensed()
-        for index, told in self._along:
-            self.known.live.rows[index].put(found, told)
+        for index, told in self._bent:
+            rows: Any = self.known.live.rows[index]
+            rows.put(found, told)
         self._told.send()
+        self._markers.put(found)
 
     def _begin(self, chosen: NDArray[np.intp], outcome: Outcome) -> None:
         """The first sample of some instances, estimated by itself; the next is the first again where it fails."""

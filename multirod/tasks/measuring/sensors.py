@@ -177,8 +177,7 @@ class Live(Measured):
         missing: Whether a number of each sensor is missing, shape (b, sensor_count).
         counted: Rows that there are, shape (b,).
         slices: Where those of each sensor stand.
-        kinds: Whether each sensor of the end effector has a position (2: across a direction), a rotation, an axis; none of
-            those along rods.
+        kinds: Whether each sensor has a position (2: across a direction), a rotation, an axis; none of a curvature.
         poses: What poses say, by these names, ``position``, ``axis`` and ``across`` (b, sensor_count, 3), ``rotation``
             (b, sensor_count, 3, 3), as kernels read it.
         there: ``known``, as kernels read it.
@@ -200,7 +199,7 @@ class Live(Measured):
         self.there = Shared(self.known.shape, wp.int32, device)
         self.there.values[:] = 1
         self._names = [[name for name in TOLD if getattr(sensor, name, None) is not None] for sensor in sensors]
-        self.kinds = [sensor.kind if isinstance(sensor, Pose) and sensor.at is None else (0, 0, 0) for sensor in sensors]
+        self.kinds = [sensor.kind if isinstance(sensor, Pose) else (0, 0, 0) for sensor in sensors]
         for k, sensor in enumerate(sensors):
             if isinstance(sensor, Pose):
                 given: Any = self.rows[k]
