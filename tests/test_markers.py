@@ -228,3 +228,27 @@ def test_a_marker_is_no_target(wire):
     for own in ({"at": 0.2}, {"sigma": 1e-3}):
         with pytest.raises(ValueError, match="target.*must be without sigma, covariance and at"):
             mr.reach(robot, mr.Pose(position=(0, 0, 0.2), **own), free=("rotation",))
+
+
+@pytest.mark.parametrize(("made", "unknown"), [(tubes, "tip_force"), (legs, "tip_force"), (chain, "force")])
+def test_forces_are_read_off_markers_at_once_and_in_a_loop(made, unknown):
+    robot, given, count, at = made()
+    truth = mr.solve(robot, robot.inputs(**given)).raise_if_failed()
+    sensors = []
+    for k in range(count):
+        shape = truth.rod(k, nodes=2001)
+        node = int(np.argmin(np.abs(shape.arclength - at)))
+        pose = {"position": shape.position[node], "rotation": shape.rotation[node], "at": float(shape.arclength[node])}
+        sensors.append(mr.Pose(**pose, rod=k, sigma=(1e-6, 1e-5)))
+    value = getattr(truth.inputs, unknown)
+    known = robot.inputs(**{name: own for name, own in given.items() if name != unknown})
+    found = mr.estimate(robot, known, unknown={unknown: mr.Prior(0 * value, sigma=0.3)}, measured=sensors)
+    # from zero to 1e-6 of what it may be
+    np.testing.assert_allclose(found.raise_if_failed().value(unknown), value, atol=1e-6)
+    meter = mr.Estimator(
+        robot, dt=1e-2, unknown={unknown: mr.Walk(0.3)}, sensors=sensors, inputs=known, integrator=mr.RK45(rtol=1e-9, atol=1e-10)
+    )
+    for _ in range(3):
+        sample = meter.step([(own.position, own.rotation) for own in sensors])
+    np.testing.assert_allclose(sample.value(unknown), value, atol=1e-6)
+    assert sample.integrations == 1

@@ -137,10 +137,9 @@ class AlongPass:
             wp.zeros((count, places), dtype=wp.mat33d, device=device),
             wp.zeros((count, places, 6, columns), dtype=wp.float64, device=device),
         )
-        base = self.problem.table.base_rotation
-        return record(
-            lambda: poses, count, [found, layout["frame"], layout["position"], _angle(layout, rod), base, *told], device
-        ), told
+        given = [found, layout["frame"], layout["position"], _angle(layout, rod), self.problem.table.base_rotation]
+        seen = [each.numpy() for each in told] if wp.get_device(device).is_cpu else []
+        return record(lambda: poses, count, [*given, *told], device), told, seen
 
 
 def _angle(layout: Any, rod: int) -> int:  # noqa: ANN401  (of a layout)

@@ -115,8 +115,9 @@ class _Markers:
             setattr(fields, name, shared.array)
             self._shared.append(shared)
         self._values = [shared.values.reshape(count, -1, *shared.values.shape[1:]) for shared in self._shared]
-        for fields, name, shape in ((state.marks, "carried", (6, 1 + k)), (state, "marker_r", (6,)), (state, "marker_J", (6, k))):
-            setattr(fields, name, wp.zeros((size, *shape), dtype=wp.float64, device=device))
+        state.marks.carried, state.marker_r, state.marker_J = (
+            wp.zeros((size, 6, *rest), dtype=wp.float64, device=device) for rest in ((1 + k,), (), (k,))
+        )
 
     def put(self, found: Along) -> None:
         """What the last integration said of them."""
