@@ -81,7 +81,15 @@ SOLVERS = {
 CASES = [(network, name) for network in (of_joints, of_tubes_and_lines, of_a_hole) for name in SOLVERS]
 
 
-@pytest.mark.parametrize(("network", "name"), [*CASES, (of_discs, "observer")])
+def of_one_disc():
+    """Four rods side by side: what their ends give way by at 0.99 of the load is more than they do."""
+    return of_discs(1)
+
+
+DISCS = [(of_one_disc, "observer"), (of_discs, "observer"), (of_discs, "energy descent")]
+
+
+@pytest.mark.parametrize(("network", "name"), [*CASES, *DISCS])
 def test_solvers_agree_with_shooting(network, name):
     robot, given = network()
     solver = SOLVERS[name]

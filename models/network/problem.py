@@ -131,7 +131,7 @@ class NetworkProblem(BoundaryProblem):
         self.reference = graph.reference(self.length[:, : self.rod_count], shape)
         self.fixed = graph.fixed_poses(count, shape)
         self.networks = networks_of(self)
-        self.closing = Closing(self)
+        self.closing, self.gives_way = Closing(self), bool(graph.ends[1].held.any())  # (12)
         self._launches = self._record()
         self._aims: dict[tuple[str, ...], Aim] = {}
         self._followed: Aim | None = None  # whose directions depend on inputs or unknowns

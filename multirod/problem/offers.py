@@ -32,8 +32,11 @@ class Offers(Buffers):
 
     Attributes:
         passed: By instance, what happened on the way to where ``guess`` begins, as it was last called.
+        gives_way: Whether ends of rods give way until the load factor is 1, in proportion to what is missing: ``Gamma`` may
+            change much in a step to the full load, however short, while that is more than what rods themselves give way by.
     """
 
+    gives_way: bool = False
     passed: "Mapping[int, BranchEvent]" = MappingProxyType({})
 
     # ---- what only some offer ----

@@ -13,6 +13,16 @@ from multirod.solvers.continuation.acceptance import same_branch
 from multirod.status import BoolArray, Fault, IntArray, Status
 from multirod.validation import FloatArray, frozen
 
+HALVES = 20  # in which the rest of a ramp is left out: what ends of rods give way by is then below what rods do
+
+
+def _level(iteration: int, ramp: int, halves: int) -> float:
+    """The part of the loads that acts in a sample."""
+    after = iteration + 1 - ramp  # samples after the last but one of the ramp
+    if after < 0:
+        return (iteration + 1) / ramp
+    return 1.0 - 0.5 ** (after + 1) / ramp if after < halves else 1.0
+
 
 class SampledTrack(Track):
     """One sample: integrate at the unknowns that the last sample led to, then update them for the next.
@@ -90,7 +100,8 @@ class SampledTrack(Track):
         Args:
             tolerance: Largest residual, max norm [1/m]; None is that of the problem.
             max_iterations: Samples allowed.
-            ramp: Samples over which the loads are raised from zero, without a ``guess``; what comes near a fold then, or whose
+            ramp: Samples over which the loads are raised from zero, without a ``guess``, and what is left of them by halves where
+                ends of rods give way until then; what comes near a fold then, or whose
                 ``Gamma`` changes from one sample to the next as it does between two branches, may have left the natural branch:
                 ``BRANCH_END``.
             guess: Unknowns to start from (instance_count, n).
@@ -101,6 +112,7 @@ class SampledTrack(Track):
         if guess is not None:
             self.start(guess)
             ramp = 1
+        halves = HALVES if guess is None and problem.gives_way else 0
         limit = problem.tolerance(tolerance)
         outcome = Outcome.zeros(count)
         chosen = np.ones(count, dtype=bool) if chosen is None else chosen
@@ -108,7 +120,7 @@ class SampledTrack(Track):
         strayed = np.zeros(count, dtype=bool)
         before: FloatArray | None = None
         for iteration in range(max_iterations):
-            load = min(1.0, (iteration + 1) / ramp)
+            load = _level(iteration, ramp, halves)
             with problem.only(active), problem.at_load(load * level):
                 self.step()
             outcome.integrations[active] += 1
