@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.stability.condensing.by_nodes import compliance_form
+from multirod.models.backbone.stability.condensing.inverses import row_condition
 from multirod.models.backbone.stability.condensing.second_variation import (
     WORST_CONDITION,
     CondensedForm,
@@ -172,7 +173,7 @@ class HeldStability(StabilityAnalysis):
         by_turn = wrench[..., own] + np.concatenate([_each_cross(axes, moment), _each_cross(axes, force)], axis=1)
         by_unknown, by_turn = (_symmetric(v, w, moment) for v, w in ((wrench[..., :m], pose[..., :m]), (by_turn, turned)))
         sound = condensed.known & np.isfinite(by_unknown).all(axis=(1, 2))
-        sound[sound] = np.linalg.cond(by_unknown[sound]) < WORST_CONDITION
+        sound[sound] = row_condition(by_unknown[sound]) < WORST_CONDITION
         condensed.known[~sound] = False
         inverse = np.linalg.inv(np.where(sound[:, None, None], by_unknown, np.eye(6)))
         twist = turned[:, [3, 4, 5, 0, 1, 2]]

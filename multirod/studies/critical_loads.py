@@ -23,7 +23,7 @@ from multirod.validation import Described, FloatArray, device_name, frozen, numb
 
 GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
 
-PRECISE = Shooting(tolerance=1e-10, integrator=RK45(steps=150))
+PRECISE, STEPS = 4e-11, 150  # residual over the length of the longest rod: 1e-10 1/m of 0.4 m; steps
 
 
 @dataclass(frozen=True)
@@ -123,9 +123,9 @@ def critical_loads(
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
-        solver: ``Shooting(tolerance=1e-10, integrator=RK45(steps=150))`` by default: of it the tolerance and
-            the integrator are used, the latter in double precision; to find the equilibrium at ``start``, all of it; and its
-            ``max_integrations`` for all that is done until the last of them is found.
+        solver: ``Shooting(tolerance=4e-11 / L, integrator=RK45(steps=150))`` by default, ``L`` the length of the longest rod: of
+            it the tolerance and the integrator are used, the latter in double precision; to find the equilibrium at ``start``,
+            all of it; and its ``max_integrations`` for all that is done until the last of them is found.
         device: Warp device.
 
     Returns:
@@ -142,7 +142,7 @@ def critical_loads(
     """
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
-    method = PRECISE if solver is None else solver
+    method = Shooting(tolerance=PRECISE / robot.longest, integrator=RK45(steps=STEPS)) if solver is None else solver
     if not isinstance(method, Shooting):
         raise TypeError(f"solver: critical_loads() needs Shooting(), not {type(method).__name__}")
     method = method.in_double()

@@ -56,7 +56,7 @@ class Branch:
         self.problem = problem
         self.start, self.rate = start, rate
         self.scale = np.append(np.full(problem.unknown_count, 1 / length), unit)
-        self.tolerance, self.growth, self.inspected = tolerance, growth, inspected
+        self.length, self.tolerance, self.growth, self.inspected = length, tolerance, growth, inspected
         problem.directions.assign(rate[None, None, :])
         self._why = ""
         self._cuts = CUTS
@@ -204,8 +204,8 @@ class Branch:
                 return None, np.inf
             if np.abs(residual).max() <= self.tolerance:
                 return place, contraction
-            right = np.append(-residual, -tangent @ (place - begin))
-            move = np.linalg.lstsq(np.vstack([matrix, tangent]), right, rcond=SINGULAR)[0]
+            right = np.append(-self.length * residual, -tangent @ (place - begin))  # rows without unit, as the tangent has none
+            move = np.linalg.lstsq(np.vstack([self.length * matrix, tangent]), right, rcond=SINGULAR)[0]
             before, size = size, float(np.linalg.norm(move))
             if k and size > 1e-7:
                 contraction = max(contraction, size / before)

@@ -19,7 +19,7 @@ RADIUS = 0.1  # largest turn in a mode by one step [rad]
 NUDGE = 1e-3  # of the radius, along a mode that is unstable where no step is longer
 GIVE = 1e-6  # of L^3/EI: what holds the end of a rod with clamps gives way by, in steps alone
 BENT = 1e-6  # turn of what costs nothing, below which the rod is straight [rad]
-KEPT = 1e-9  # largest condition, in the Frobenius norm, inverted, of a Y that is not singular
+KEPT = 1e-9  # largest condition, in the Frobenius norm, inverted, of a Y that is not singular, its rows as large as each other
 
 
 @dataclass(frozen=True)
@@ -247,9 +247,9 @@ class Slopes:
         fit = np.asarray(np.isfinite(both).all(axis=(1, 2)) & np.isfinite(gamma).all(axis=(1, 2)))
         inverse = inverses(np.where(fit[:, None, None], both, np.eye(n)))
         with np.errstate(invalid="ignore"):
-            fit &= ~(norms(both.reshape(-1, n * n)) * norms(inverse.reshape(-1, n * n)) * KEPT > 1) & np.isfinite(
-                inverse[:, 0, 0]
-            )
+            # of rows that are made as large: turns are by lengths, constraints have no unit
+            square = n * ((both * both).sum(axis=2) * (inverse * inverse).sum(axis=1)).sum(axis=1)
+            fit &= ~(square * KEPT**2 > 1) & np.isfinite(inverse[:, 0, 0])
         others = np.setdiff1d(np.arange(n), forces)
         A = points.unit[:, :, None] * gamma[:, forces] @ inverse[:, :, :m]
         H = 0.5 * (A + A.swapaxes(1, 2))

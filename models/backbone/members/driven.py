@@ -212,7 +212,7 @@ class DrivenLines(Lines):
 
     def _least_stiffness(self, rod: int) -> FloatArray:
         """Of the sections of one rod and what it carries, against changes of strain, over its bending stiffness, shape
-        (instance_count,)."""
+        (instance_count,). What shears or stretches by 1 counts as a bend by 1 over the rod's length."""
         problem, members = self.problem, self.problem.features.members
         shape = problem.shapes.at_nodes(SECTIONS)[0][rod]
         s = shape.arclength - problem.read("inputs")[:, problem.input_slice("translation")][:, rod, None]
@@ -234,6 +234,9 @@ class DrivenLines(Lines):
                 T = drives[:, k, None] * here[..., self._first[j]]
                 stiffness += line_stiffness(T, rho[:, :, j], slope[:, :, j], u, v)
             k += 1
+        unit = np.ones((*end[:, -1].shape, 6))
+        unit[..., 3:] = end[:, -1, None]
+        stiffness *= (unit[:, :, None] * unit[:, None])[:, None]
         finite = np.where(np.isfinite(stiffness), stiffness, RIGID * here[..., :1, None])
         return np.asarray((np.linalg.eigvalsh(finite)[..., 0] / here[..., 0]).min(axis=1))
 

@@ -16,6 +16,7 @@ from multirod.models.backbone.stability.condensing.second_variation import (
     certain_determinant,
     symmetric_eigenvalues,
 )
+from multirod.models.backbone.stability.condensing.inverses import row_condition
 from multirod.models.network.elements.elements import GAP_AT, OWN, TURN_AT, Elements
 from multirod.models.network.joining.joints import MOST
 from multirod.models.network.joining.sliding import slid
@@ -56,13 +57,6 @@ class Elimination:
     gap: FloatArray
     freed: NDArray[np.bool_]
     sound: NDArray[np.bool_]
-
-
-def _condition(matrices: FloatArray) -> FloatArray:
-    """Condition numbers (...) of matrices (..., n, n); infinite where they are not finite."""
-    finite: NDArray[np.bool_] = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))
-    found = np.linalg.cond(np.where(finite[..., None, None], matrices, np.eye(matrices.shape[-1])))
-    return np.where(finite, found, np.inf)
 
 
 class NetworkStability(StabilityAnalysis):
@@ -144,7 +138,7 @@ class NetworkStability(StabilityAnalysis):
         fixing[:, rod, CONDITION + tensions[rod, which]] = 0.0
         fixing[:, rod, CONDITION + tensions[rod, which], tensions[rod, which]] = 1.0
         own = [*range(m), *range(angles.start, angles.stop)]
-        condition = _condition(fixing[..., own])
+        condition = row_condition(fixing[..., own])
         # what a hole leaves free is that of two pieces
         tips = graph.ends[1].table
         turning = np.where((graph.slides.upper < 0) & ~tips.slides.any(axis=1), tips.free, 0)
@@ -153,7 +147,7 @@ class NetworkStability(StabilityAnalysis):
         if doubtful.any():
             torque = np.where((np.arange(MOST) < turning[:, None])[..., None], columns[..., angles, :], angle)
             other = np.concatenate([fixing[..., :m, :], torque], axis=-2)
-            instead = _condition(other[..., own])
+            instead = row_condition(other[..., own])
             freed = doubtful & (instead < BETTER * condition)
             fixing = np.where(freed[..., None, None], other, fixing)
             condition = np.where(freed, instead, condition)

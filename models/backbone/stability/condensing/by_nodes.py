@@ -6,7 +6,7 @@ Numbers in parentheses are those of ``docs/stability.md``.
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.stability.condensing.inverses import inverses, negative_count
+from multirod.models.backbone.stability.condensing.inverses import inverses, negative_count, row_condition
 from multirod.models.backbone.stability.condensing.second_variation import STIFF, WORST_CONDITION, CondensedForm, NodeColumns
 from multirod.rotations import cross
 from multirod.validation import FloatArray
@@ -65,7 +65,7 @@ def compliance_form(columns: NodeColumns, moment: FloatArray) -> CondensedForm:
         conjugate = np.where(before, negative_count(ratio), 0).sum(axis=1)
     wrench = np.concatenate([momenta, columns.tip_force], axis=1)
     known = (sound[:, :-1] | ~before).all(axis=1) & np.isfinite(wrench).all(axis=(1, 2))
-    known[known] = np.linalg.cond(wrench[known]) < WORST_CONDITION
+    known[known] = row_condition(wrench[known]) < WORST_CONDITION
     by_wrench = np.linalg.inv(np.where(known[:, None, None], wrench, np.eye(6)))
     matrix = -np.concatenate([rotation, columns.tip_position], axis=1) @ by_wrench
     return CondensedForm(matrix, conjugate.astype(np.int32), known)

@@ -414,7 +414,15 @@ def by_wrench(s: wp.ref[Form], t: int):
         for j in range(c):
             s.work[t, i, j] = s.torque[t, i, j]
     invert(s.work, s.inverse, t, c)
-    size = square(s.torque, t, c) * square(s.inverse, t, c)
+    # moments and forces, each in a unit of its own: rows are made as large as each other
+    size = f64(0.0)
+    for i in range(c):
+        row = f64(0.0)
+        column = f64(0.0)
+        for j in range(c):
+            row += s.torque[t, i, j] * s.torque[t, i, j]
+            column += s.inverse[t, j, i] * s.inverse[t, j, i]
+        size += f64(c) * row * column
     known = known and size < f64(wp.static(WORST_CONDITION * WORST_CONDITION))
     for i in range(c):
         for j in range(c):

@@ -38,6 +38,16 @@ def are_sound(Y: FloatArray, inverse: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(size < WORST_CONDITION**2)
 
 
+def row_condition(matrices: FloatArray) -> FloatArray:
+    """Condition numbers (...) of matrices (..., n, n) whose rows, each in a unit of its own, are all made as large; infinite where
+    they are not finite, or a row is zero."""
+    size = np.abs(matrices).max(axis=-1, keepdims=True)
+    fit: NDArray[np.bool_] = np.asarray((np.isfinite(size) & (size > 0)).all(axis=(-2, -1)))
+    told = fit[..., None, None]
+    found = np.linalg.cond(np.where(told, matrices / np.where(told, size, 1.0), np.eye(matrices.shape[-1])))
+    return np.where(fit, found, np.inf)
+
+
 def negative_count(ratio: FloatArray) -> NDArray[np.int_]:
     """How many eigenvalues of each matrix have a negative real part."""
     n = ratio.shape[-1]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.stability.condensing.second_variation import STIFF, WORST_CONDITION, CondensedForm, NodeColumns
+from multirod.models.backbone.stability.condensing.inverses import row_condition
 from multirod.validation import FloatArray
 
 RIGID = 1e-9  # of what a line's tension does to its length with the tip free; less with the tip held, and it holds the tip
@@ -44,7 +45,7 @@ def with_conditions(
     known = form.known & np.isfinite(own_gaps).all(axis=(1, 2))
     known &= np.isfinite(given).all(axis=(1, 2))
     given = np.where(known[:, None, None], given, np.eye(c))
-    known &= np.linalg.cond(given) < WORST_CONDITION
+    known &= row_condition(given) < WORST_CONDITION
     given = np.where(known[:, None, None], given, np.eye(c))
     at_given = np.linalg.solve(given, np.concatenate([np.broadcast_to(np.eye(c), given.shape), -by_given], axis=2))
     couple, lengths = follows @ at_given[:, :, c:] + by_follows, gaps @ at_given
