@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.backbone.stability.condensing.inverses import row_condition
 from multirod.models.backbone.stability.condensing.second_variation import (
     STIFF,
     WORST_CONDITION,
@@ -16,7 +17,6 @@ from multirod.models.backbone.stability.condensing.second_variation import (
     certain_determinant,
     symmetric_eigenvalues,
 )
-from multirod.models.backbone.stability.condensing.inverses import row_condition
 from multirod.models.network.elements.elements import GAP_AT, OWN, TURN_AT, Elements
 from multirod.models.network.joining.joints import MOST
 from multirod.models.network.joining.sliding import slid

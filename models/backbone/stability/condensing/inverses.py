@@ -39,8 +39,8 @@ def are_sound(Y: FloatArray, inverse: FloatArray) -> NDArray[np.bool_]:
 
 
 def row_condition(matrices: FloatArray) -> FloatArray:
-    """Condition numbers (...) of matrices (..., n, n) whose rows, each in a unit of its own, are all made as large; infinite where
-    they are not finite, or a row is zero."""
+    """Condition numbers (...) of matrices (..., n, n) whose rows, each in a unit of its own, are all made as large; infinite
+    where they are not finite, or a row is zero."""
     size = np.abs(matrices).max(axis=-1, keepdims=True)
     fit: NDArray[np.bool_] = np.asarray((np.isfinite(size) & (size > 0)).all(axis=(-2, -1)))
     told = fit[..., None, None]

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.stability.condensing.second_variation import STIFF, WORST_CONDITION, CondensedForm, NodeColumns
 from multirod.models.backbone.stability.condensing.inverses import row_condition
+from multirod.models.backbone.stability.condensing.second_variation import STIFF, WORST_CONDITION, CondensedForm, NodeColumns
 from multirod.validation import FloatArray
 
 RIGID = 1e-9  # of what a line's tension does to its length with the tip free; less with the tip held, and it holds the tip
