@@ -434,3 +434,19 @@ def test_a_platform_on_buckled_columns():
     assert found.missing is None  # closed loops
     straight = np.linalg.norm(found.tip_position[:, :2], axis=1) < 1e-6
     assert found.index[straight].tolist() == [1]
+
+
+def test_what_a_solve_finds_of_closed_loops_is_listed():
+    """Far beyond where they buckle starts come to the upright state alone, which is unstable."""
+    leg = mr.Rod(length=1.0, bending_stiffness=(1.0, 1.2), torsional_stiffness=0.8, axial_stiffness=1e3)
+    base = np.tile(np.eye(4), (3, 1, 1))
+    base[:, :2, 3] = [(0.3, 0), (-0.15, 0.25), (-0.15, -0.25)]
+    robot = mr.ParallelRods(legs=[leg] * 3, base=base, platform=base)
+    inputs = robot.inputs(tip_force=(0.3, 0.2, -100))
+    there = mr.solve(robot, inputs).raise_if_failed()
+    assert there.stability == mr.Stability.STABLE
+    found = mr.equilibria(robot, inputs, starts=16)
+    assert found.index.tolist()[0] == 0
+    assert found.index.max() > 0  # what starts come to
+    np.testing.assert_allclose(found.potential[0], there.potential, rtol=1e-9)
+    np.testing.assert_allclose(found.unknowns[0], there.unknowns, rtol=1e-5, atol=1e-5)  # of one equilibrium, as told there

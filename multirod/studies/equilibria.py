@@ -147,7 +147,7 @@ def equilibria(
             catalogue.end_round()
             if catalogue.settled:
                 break
-        if alone.may_be_taut:
+        if alone.may_be_taut or catalogue.degree is None:
             _take_meant(catalogue, alone, method, budget)
         for chunk in _chunks(_connected(robot, inputs, method, device, budget), count):
             reached = converge(problem, newton, chunk, everyone, np.inf)
@@ -203,7 +203,8 @@ def _take(catalogue: Catalogue, problem: BoundaryProblem, reached: NDArray[np.bo
 
 
 def _take_meant(catalogue: Catalogue, problem: BoundaryProblem, method: Shooting, budget: Budget) -> None:
-    """Add what ``solve`` means, to both sides: starts hardly ever come to a rod that is pushed together by little."""
+    """Add what ``solve`` means, to both sides: starts hardly ever come to a rod that is pushed together by little, and seldom to
+    closed loops far from where they are at rest, of which no signs tell that some are missing."""
     problem.budget = None
     for side in SIDES:
         outcome = within(replace(method, side=side), budget).solve(problem)
