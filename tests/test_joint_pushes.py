@@ -134,6 +134,22 @@ def test_a_strut_whose_ends_do_not_turn_buckles():
         assert (load.index_before, load.index_after) == (0, 2)
 
 
+def test_a_pinned_column_under_a_carriage_buckles():
+    """``pi^2 EI/L^2`` between a ball and a universal joint of a carriage, which a stub that slides presses down."""
+    carriage, stub = mr.Body("carriage"), mr.Rod(length=0.1, bending_stiffness=5.0, torsional_stiffness=5.0, axial_stiffness=1e6)
+    joints = [
+        mr.Joint("strut", "base", to=mr.ground, kind="spherical"),
+        mr.Joint("strut", "tip", to=carriage, kind="universal", axis=np.eye(3)[:2]),
+        mr.Joint("stub", "base", to=carriage),
+        mr.Joint("stub", "tip", to=mr.ground, pose=at(z=0.4), kind="prismatic", axis=(0, 0, 1)),
+    ]
+    robot = mr.Network(rods={"strut": STRUT, "stub": stub}, bodies=[carriage], joints=joints)
+    (load,) = mr.critical_loads(robot, robot.inputs(slide_force={"stub tip": -1.0}))
+    exact = 1e4 * (1 - np.sqrt(1 - 4 * np.pi**2 * 0.02 / 0.3**2 / 1e4)) / 2
+    np.testing.assert_allclose(load.load_factor, exact, rtol=1e-6)
+    assert (load.index_before, load.index_after) == (0, 2)
+
+
 def test_a_torque_holds_a_hinge_where_it_was_driven_to():
     """What drives a motor to an angle, taken for a torque of a hinge without a drive, leaves the arm where it was."""
     arm = mr.Rod(length=0.3, bending_stiffness=0.2, torsional_stiffness=0.15, linear_density=0.05)

@@ -54,7 +54,8 @@ class Joint:
             ``stiffness``. Of a spherical joint it is where ``pose`` says. Of a hole the arclength from the base [m] of the place
             to which the spring is fixed, by default ``at``; ``translation`` moves that place with the rod.
         driven: Whether its coordinates are inputs: angles ``angle``, ``robot.inputs(angle={"arm base": 0.3})``, of the base of
-            the rod ``"arm"``, and how far it slides ``slide``. What drives it holds it there. Then it has no spring.
+            the rod ``"arm"``, and how far it slides ``slide``. What drives it holds it there. Then it has no spring. One that
+            is not driven may be pushed, by ``joint_torque`` and ``slide_force``, but a ball.
         at: Of a hole, about where along the rod it is, from the base [m]: there the search begins. Holes stand in this order.
 
     Attributes:
