@@ -103,15 +103,29 @@ def test_a_column_goes_on_where_it_buckles(k):
     assert beyond.status is mr.Status.BIFURCATED
     assert beyond.stability is mr.Stability.STABLE
     (event,) = beyond.events
-    # the medium is raised with the load
-    part = event.load_factor
-    assert part * load == pytest.approx(beam_load(part * k, EI), rel=1e-6)
+    # the medium around a straight rod is there before the load
+    assert event.load_factor * load == pytest.approx(beam_load(k, EI), rel=1e-6)
     own = beyond.rod(0, nodes=41).curvature[1::2]
     there, values = MediumEnergy(LENGTH, STIFFNESS, (0, 0, 0), [k] * 3, (0, 0, -load), 20).stationary(own)
     assert values[0] > 0
     assert np.abs(there.reshape(20, 3) - own).max() < 0.1 * np.abs(own).max()
     twin = mr.solve(robot, robot.inputs(tip_force=(0, 0, -load)), solver=mr.Shooting(side="negative"))
     np.testing.assert_allclose(twin.tip_position, beyond.tip_position * (-1, 1, 1), atol=1e-8)
+
+
+@pytest.mark.parametrize("part", [1.01, 1.5])
+def test_a_round_column_goes_on_where_it_buckles(part):
+    """Whichever way it turns, at once: `BRANCH_END` where the medium was raised with the load."""
+    k = 400.0
+    robot, load = strip(k, bending_stiffness=EI), part * beam_load(k, EI)
+    beyond = mr.solve(robot, robot.inputs(tip_force=(0, 0, -load)))
+    assert beyond.status is mr.Status.BIFURCATED
+    (event,) = beyond.events
+    assert event.load_factor == pytest.approx(1 / part, rel=1e-6)
+    own = beyond.rod(0, nodes=41).curvature[1::2]
+    there, values = MediumEnergy(LENGTH, (EI, EI, STIFFNESS[2]), (0, 0, 0), [k] * 3, (0, 0, -load), 20).stationary(own)
+    assert (values > -1e-6 * values[-1]).all()  # it may turn about its axis
+    assert np.abs(there.reshape(20, 3) - own).max() < 0.1 * np.abs(own).max()
 
 
 @pytest.mark.parametrize("lengths", [20, 40])

@@ -106,16 +106,29 @@ class Foundation(Load):
         STIFFNESS = grid.on_stretch("stiffness")
 
         @wp.func
+        def bent_at_rest(rods: wp.ref[RodTable], case: wp.ref[Instance]) -> bool:
+            """Whether a rod leaves the line straight out of the base, where the medium holds it, though nothing acts."""
+            bent = int(0)
+            for i in range(rods.precurvature.shape[1]):
+                for m in range(rods.precurvature.shape[2]):
+                    for c in range(rods.precurvature.shape[3]):
+                        if c % 3 < 2 and rods.precurvature[case.rods, i, m, c] != f64(0.0):
+                            bent = int(1)
+            return bent == 1
+
+        @wp.func
         def stretch(
             rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64
         ):
-            """Raised with the loads: the unloaded rod is where solvers begin."""
+            """Raised with the loads around rods that it bends: solvers begin at the unloaded rod. Around straight ones it is there."""
             medium = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
             for i in range(rods.end.shape[1]):
                 m, present = section_at(rods, call, case, i, s)
                 for j in range(3):
                     medium[j] = medium[j] + present * rods.material[case.rods, i, m, wp.static(MEDIUM) + j]
-            scale = call.problem.load_factor[case.index] * case.unit * case.unit / case.force
+            scale = case.unit * case.unit / case.force
+            if bent_at_rest(rods, case):
+                scale *= call.problem.load_factor[case.index]
             set_vector(memory, z + wp.static(STIFFNESS), l, scale * medium)
 
         @wp.func
