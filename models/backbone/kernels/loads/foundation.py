@@ -120,7 +120,7 @@ class Foundation(Load):
         def stretch(
             rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64
         ):
-            """Raised with the loads around rods that it bends: solvers begin at the unloaded rod. Around straight ones it is there."""
+            """Raised with the loads around rods that it bends, as solvers begin at unloaded ones; there around straight ones."""
             medium = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
             for i in range(rods.end.shape[1]):
                 m, present = section_at(rods, call, case, i, s)
