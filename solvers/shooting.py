@@ -10,6 +10,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver, Track
 from multirod.solvers.continuation.natural import natural_branch
 from multirod.solvers.following.follow import ENDED, follow
+from multirod.solvers.following.walk import NOISY
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
@@ -164,8 +165,12 @@ class Shooting(Solver):
             tried = self._hand_over(problem, newton, outcome, handed, reached, ends)
         if self.fallback and failures(outcome.status).any():
             self._segmented().rescue(problem, outcome, self._left(outcome), tried)
-        # what creeps in segments too is given up
-        lost = chosen & np.isin(outcome.status, ENDED) & (tried != int(Status.MAX_ITERATIONS))
+        lost = chosen & np.isin(outcome.status, ENDED)
+        # what creeps in segments too is given up, unless a soft mode makes it creep
+        creeping = lost & (tried == int(Status.MAX_ITERATIONS))
+        if creeping.any() and reached is not None:
+            outcome.integrations += creeping
+            lost &= ~_amplifies(problem, creeping, ends, reached)
         if lost.any() and reached is not None and not multistable:
             self._follow(problem, newton, outcome, lost, reached, ends)
         if unbounded is not None:
@@ -294,6 +299,18 @@ class Shooting(Solver):
         """Follow a motion, each sample from the last or from its extrapolation."""
         problem.side = self._sign
         return NewtonTrack(self, problem, PREDICTORS.index(self.predictor))
+
+
+def _amplifies(problem: BoundaryProblem, some: BoolArray, unknowns: FloatArray, level: FloatArray) -> BoolArray:
+    """Of which of some instances an integration from the base may hide by rounding how they go on from ``unknowns`` at levels of
+    the load, all of the first axis instance_count."""
+    records = problem.snapshot()
+    problem.write("unknowns", np.where(some[:, None], unknowns, problem.read("unknowns")))
+    with problem.only(some), problem.at_load(np.where(some, level, 1.0)):
+        problem.integrate()
+    size = np.linalg.norm(np.nan_to_num(problem.read("gamma"), nan=np.inf), axis=1)
+    problem.restore(records)
+    return np.asarray(some & (size > NOISY))
 
 
 def _tell_passed(problem: BoundaryProblem, outcome: Outcome) -> None:
