@@ -356,4 +356,4 @@ def _root(kind: Kind, sigma: object, covariance: object) -> FloatArray:
         raise ValueError("Pose.covariance must be symmetric and positive definite")
     if kind[0]:
         plausibility.of_pose_sigma(np.sqrt(np.diagonal(result)[:3]))
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(result)))
+    return np.tril(np.linalg.inv(np.linalg.cholesky(result)))  # rounding leaves a little above: it would mix rows, (17)
