@@ -54,7 +54,7 @@ def test_a_column_goes_on_where_it_buckles():
     assert found.status is mr.Status.BIFURCATED
     assert found.stability is mr.Stability.STABLE
     (event,) = found.events
-    assert event.load_factor * load == pytest.approx(beam_loads(60.0 * event.load_factor, "clamped", 1)[0], rel=1e-6)
+    assert event.load_factor == pytest.approx(1 / 1.1, rel=1e-6)  # the medium is there before the load
 
 
 @pytest.mark.parametrize("name", ["strip", "round"])
