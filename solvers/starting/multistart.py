@@ -298,11 +298,12 @@ def _lowest(
 ) -> tuple[FloatArray, Any]:
     """The stable equilibria of lowest potential energy in place of ``unknowns``, and of which instances there is one.
 
-    The integrations that tell are counted in ``outcome``.
+    Below any equilibrium there is a stable one, as energies are bounded. So where one that is not stable, or not known to be, is
+    lower than all that are, the lowest was missed, and there is none. The integrations that tell are counted in ``outcome``.
     """
     analysis = _stability(problem)
     best = np.array(unknowns)
-    least = np.full(len(catalogues), np.inf)
+    least, bottom = np.full(len(catalogues), np.inf), np.full(len(catalogues), np.inf)  # of what is stable, and of all
     for k in range(max(len(catalogue.unknowns) for catalogue in catalogues)):
         having = np.array([k < len(catalogue.unknowns) for catalogue in catalogues])
         trial = np.array(unknowns)
@@ -316,4 +317,7 @@ def _lowest(
         # of mirror images, whose energies differ by rounding, the first
         better = having & (stability == Stability.STABLE) & (potential < least - 1e-9 * np.abs(potential))
         best[better], least[better] = trial[better], potential[better]
-    return best, np.isfinite(least)
+        bottom[having] = np.fmin(bottom, potential)[having]
+    lowest = np.isfinite(least)
+    lowest[lowest] = least[lowest] <= bottom[lowest] + 1e-9 * np.abs(bottom[lowest])
+    return best, lowest
