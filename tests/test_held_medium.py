@@ -103,8 +103,8 @@ def test_a_joint_at_the_base_is_refused():
 
 
 def test_no_equilibrium_is_below_what_a_solve_gives():
-    """A round column that stretches, pressed beyond where it buckles: it was turned about itself once, as the one of lowest energy
-    of 0.76 J, though some of 1.1 mJ were found, of which it was not told whether they are stable."""
+    """A round column that stretches, pressed beyond where it buckles: the result was turned about itself once, 0.76 J, though
+    buckled ones of 1.1 mJ were found, of which it was not told whether they are stable."""
     held = mr.HeldRod(column((2025.0, 2025.0, 0.0), bending_stiffness=EI, axial_stiffness=25e3, shear_stiffness=25e6))
     pressed = held.inputs(end_position=(0, 0, -1.33e-4))
     solution = mr.solve(held, pressed)
