@@ -1,8 +1,10 @@
 """Columns that integrations carry, against differences."""
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import multirod as mr
 
@@ -35,3 +37,25 @@ def check_exact_columns(robot: Any, given: mr.Inputs) -> None:
         rate, moved = ((a - b)[0] / (2 * h) for a, b in zip(*ends, strict=True))
         np.testing.assert_allclose(columns[0, :, k - place.start], rate, atol=1e-6 * max(1.0, np.abs(rate).max()))
         np.testing.assert_allclose(pose[0, :3, k - place.start], moved, atol=1e-7)
+
+
+def along_inputs(
+    robot: Any, given: mr.Inputs, names: Sequence[str]
+) -> tuple[Any, NDArray[np.float64], NDArray[np.float64], Callable[[float], NDArray[np.float64]]]:
+    """Residual and tip position, one after the other, away from equilibrium along a way through some inputs: the problem, its
+    unknowns, their rate by exact columns, and they themselves some way on."""
+    options = {"pose_sensitivities": True, "enabled": names, **robot.input_directions(*names)}
+    problem = robot.problem(given, integrator=mr.RK4(20), **options)
+    x = problem.guess() + np.random.default_rng(3).standard_normal(problem.unknown_count)
+    problem.write("unknowns", x)
+    slopes, rows = problem.input_columns(*names)
+    row, way = problem.read("inputs"), np.random.default_rng(4).standard_normal(slopes.shape[2])
+    where = np.concatenate([np.arange(row.shape[1])[problem.input_slice(name)] for name in names])
+
+    def moved(t: float) -> NDArray[np.float64]:
+        changed = row.copy()
+        changed[:, where] += t * way
+        problem.write("inputs", changed)
+        return np.concatenate([problem.evaluate(x)[0][0], problem.read("position")[0]])
+
+    return problem, x, np.concatenate([slopes[0] @ way, rows[0, :3] @ way]), moved

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from exact_columns import along_inputs
 from scipy.optimize import brentq
 from test_joint_slides import EXACT, slid
 from test_joint_slides import GIVEN as SLID
@@ -67,24 +68,9 @@ def test_a_push_is_a_spring_that_is_at_rest_elsewhere(robot, given, pushes):
 )
 def test_pushes_have_a_potential_and_columns(robot, given, pushes, difference):
     hold_forces_against_the_potential(robot, given | pushes, push=0.02)
-    names = tuple(pushes)
-    inputs = robot.inputs(**given, **pushes)
-    options = {"pose_sensitivities": True, "enabled": names, **robot.input_directions(*names)}
-    problem = robot.problem(inputs, integrator=mr.RK4(20), **options)
-    x = problem.guess() + np.random.default_rng(3).standard_normal(problem.unknown_count)
-    problem.write("unknowns", x)
-    slopes, _ = problem.input_columns(*names)
-    row, way = problem.read("inputs"), np.random.default_rng(4).standard_normal(slopes.shape[2])
-    where = np.concatenate([np.arange(row.shape[1])[problem.input_slice(name)] for name in names])
-
-    def moved(t):
-        changed = row.copy()
-        changed[:, where] += t * way
-        problem.write("inputs", changed)
-        return problem.evaluate(x)[0][0]
-
+    problem, _, rate, moved = along_inputs(robot, robot.inputs(**given, **pushes), tuple(pushes))
     # the residual is linear in them: rounding of differences of 1e-2
-    np.testing.assert_allclose(slopes[0] @ way, difference(moved, 1e-2), atol=1e-8)
+    np.testing.assert_allclose(rate, difference(moved, 1e-2), atol=1e-8)
     # they rise with the load factor, as all loads do
     parts = []
     for level in (0.4, 1.0):

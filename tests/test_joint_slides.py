@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from exact_columns import along_inputs
 from test_check_assembly import check_assembly
 from test_network import BENT, EXACT, circle, hold_gamma_against_differences, pose
 from test_network_branches import hold_forces_against_the_potential
@@ -53,27 +54,11 @@ def test_gamma_by_differences_of_the_sixth_order(difference, level):
 def test_columns_by_inputs_off_the_equilibrium(end_effector, difference):
     """Of residual and pose, a frame of a body among them; a driven cylindrical joint has an angle and a displacement."""
     robot = slid(end_effector, right="cylindrical")
-    names = ("angle", "slide", "translation", "force")
-    inputs = robot.inputs(**GIVEN, angle={"right base": 0.4})
     assert robot.driven_joints == ("right base",)
-    problem = robot.problem(
-        inputs, integrator=mr.RK4(20), pose_sensitivities=True, enabled=names, **robot.input_directions(*names)
-    )
-    x = problem.guess() + np.random.default_rng(3).standard_normal(problem.unknown_count)
-    problem.write("unknowns", x)
-    slopes, rows = problem.input_columns(*names)
-    row, way = problem.read("inputs"), np.random.default_rng(4).standard_normal(slopes.shape[2])
-    where = np.concatenate([np.arange(row.shape[1])[problem.input_slice(name)] for name in names])
-
-    def moved(t):
-        changed = row.copy()
-        changed[:, where] += t * way
-        problem.write("inputs", changed)
-        return np.concatenate([problem.evaluate(x)[0][0], problem.read("position")[0]])
-
-    by_difference = difference(moved, 1e-2)
-    np.testing.assert_allclose(np.concatenate([slopes[0] @ way, rows[0, :3] @ way]), by_difference, atol=1e-8)
-    problem.write("inputs", row)
+    inputs = robot.inputs(**GIVEN, angle={"right base": 0.4})
+    problem, x, rate, moved = along_inputs(robot, inputs, ("angle", "slide", "translation", "force"))
+    np.testing.assert_allclose(rate, difference(moved, 1e-2), atol=1e-8)
+    moved(0.0)
     way = np.random.default_rng(5).standard_normal(len(x[0]))
 
     def turned(t):

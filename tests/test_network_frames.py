@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from exact_columns import along_inputs
 from scipy.spatial.transform import Rotation
 from test_joint_slides import EXACT, slid
 from test_joint_slides import GIVEN as SLID
@@ -78,24 +79,9 @@ def test_gamma_by_differences_of_the_sixth_order(difference, level):
 
 
 def test_columns_by_loads_on_frames_off_the_equilibrium(difference):
-    robot, names = slid(), tuple(LOADS)
-    inputs = robot.inputs(**GIVEN)
-    options = {"pose_sensitivities": True, "enabled": names, **robot.input_directions(*names)}
-    problem = robot.problem(inputs, integrator=mr.RK4(20), **options)
-    x = problem.guess() + np.random.default_rng(3).standard_normal(problem.unknown_count)
-    problem.write("unknowns", x)
-    slopes, _ = problem.input_columns(*names)
-    row, way = problem.read("inputs"), np.random.default_rng(4).standard_normal(slopes.shape[2])
-    where = np.concatenate([np.arange(row.shape[1])[problem.input_slice(name)] for name in names])
-
-    def moved(t):
-        changed = row.copy()
-        changed[:, where] += t * way
-        problem.write("inputs", changed)
-        return problem.evaluate(x)[0][0]
-
+    _, _, rate, moved = along_inputs(slid(), slid().inputs(**GIVEN), tuple(LOADS))
     # the residual is linear in loads: rounding of differences of 1e-2
-    np.testing.assert_allclose(slopes[0] @ way, difference(moved, 1e-2), atol=1e-8)
+    np.testing.assert_allclose(rate, difference(moved, 1e-2), atol=1e-8)
 
 
 def test_a_dead_force_on_a_frame_has_a_potential():

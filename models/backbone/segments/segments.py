@@ -154,9 +154,8 @@ class BackboneSegments(Segments):
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             size = np.sqrt((q**2).sum(axis=1, keepdims=True))
             sound = (size > 0) & (size < np.inf)
-            return np.asarray(
-                q / size if sound.all() else np.where(sound, q / size, (0.0, 0.0, 0.0, 1.0))
-            )  # no turn where one failed
+            # no turn where an integration failed
+            return np.asarray(q / size if sound.all() else np.where(sound, q / size, (0.0, 0.0, 0.0, 1.0)))
 
     def _matrices(self, states: FloatArray) -> FloatArray:
         """Frames of states as rotation matrices (count, 3, 3)."""

@@ -127,8 +127,10 @@ class Foundation(Load):
                 for j in range(3):
                     medium[j] = medium[j] + present * rods.material[case.rods, i, m, wp.static(MEDIUM) + j]
             scale = case.unit * case.unit / case.force
-            if bent_at_rest(rods, case):
-                scale *= call.problem.load_factor[case.index]
+            factor = call.problem.load_factor[case.index]
+            if factor != f64(1.0):  # or nothing depends on how it is bent
+                if bent_at_rest(rods, case):
+                    scale *= factor
             set_vector(memory, z + wp.static(STIFFNESS), l, scale * medium)
 
         @wp.func
