@@ -4,7 +4,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -21,6 +21,38 @@ from multirod.validation import FloatArray, positive_float, refuse
 IntArray = NDArray[np.int32]
 
 
+@dataclass(frozen=True)
+class Left:
+    """Instances of parts of a batch that a solver left where they were, to go on with all of them at once (``Solver.finish``).
+
+    Attributes:
+        numbers: Which they are, of the part, then of the batch, shape (k,).
+        records: Of their problem, shape (k, record size).
+        known: What else the solver knows of them, by name, of each the first axis k.
+    """
+
+    numbers: NDArray[np.intp]
+    records: FloatArray
+    known: dict[str, NDArray[Any]]
+
+    @classmethod
+    def joined(cls, lefts: Sequence["Left"]) -> "Left":
+        """Those of several parts, by their numbers in the batch."""
+        numbers = np.concatenate([left.numbers for left in lefts])
+        order = np.argsort(numbers)
+        records = np.concatenate([left.records for left in lefts])
+        known = {name: np.concatenate([left.known[name] for left in lefts])[order] for name in lefts[0].known}
+        return cls(numbers[order], records[order], known)
+
+    def take(self, rows: slice) -> "Left":
+        """Some of them."""
+        return Left(self.numbers[rows], self.records[rows], {name: values[rows] for name, values in self.known.items()})
+
+    def behind(self, count: int) -> "Left":
+        """These, behind so many instances in the batch."""
+        return replace(self, numbers=self.numbers + count)
+
+
 @dataclass
 class Outcome:
     """How a solver left a problem, whose buffers hold the unknowns, residual and ``Gamma``; one entry an instance.
@@ -34,6 +66,7 @@ class Outcome:
         rates: Closed-loop rates of an observer [1/s], shape (instance_count, n).
         breakpoints: Of the instances that are known by their states there, as the unknowns alone do not lead to the tip.
         events: What happened on the way, of the instances whose branch ended.
+        left: Instances that ``finish`` is to go on with.
     """
 
     status: IntArray
@@ -44,6 +77,7 @@ class Outcome:
     reached: FloatArray | None = None
     breakpoints: dict[int, Breakpoints] = field(default_factory=dict)
     events: Events = field(default_factory=dict)
+    left: Left | None = None
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -150,13 +184,15 @@ class Solver(ABC):
         """Every reason why this solver cannot take ``problem``; empty if it can."""
         return ()
 
-    def solve(self, problem: BoundaryProblem, guess: FloatArray | None = None) -> Outcome:
+    def solve(self, problem: BoundaryProblem, guess: FloatArray | None = None, *, leave: bool = False) -> Outcome:
         """Solve every instance.
 
         Args:
             problem: The problem; its buffers hold the result.
             guess: Unknowns to start from (instance_count, n); without it, the natural branch is meant. So it is of instances
                 whose row is NaN, as of what failed, where the problem offers parts.
+            leave: Whether a few that take long may be left to ``finish``, with those of other parts of a batch; their status is
+                that of a failure.
 
         Raises:
             ValueError: If the problem is not supported; the message gives every reason.
@@ -167,7 +203,9 @@ class Solver(ABC):
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
         with problem.alone, problem.everyone(), problem.at_load(1.0):
             known = None if guess is None else knows(problem, guess)
-            if guess is None or known is None or known.all():
+            if guess is None and leave:
+                outcome = self._solve_most(problem)
+            elif guess is None or known is None or known.all():
                 outcome = self._solve(problem, guess)
             elif known.any() and problem.parts is not None:
                 outcome = self._some_guessed(problem, guess, known)
@@ -189,6 +227,21 @@ class Solver(ABC):
     @abstractmethod
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         """Solve every instance of a supported problem."""
+
+    def _solve_most(self, problem: BoundaryProblem) -> Outcome:
+        """Solve every instance, but for a few that may be left, without a guess."""
+        return self._solve(problem, None)
+
+    def finish(self, problem: BoundaryProblem, left: Left) -> Outcome:
+        """Solve what was left of other problems, as it would have been there; ``problem`` is of these instances."""
+        with problem.alone, problem.everyone(), problem.at_load(1.0):
+            outcome = self._finish(problem, left)
+            refuse_unfit(problem, outcome)
+        return outcome
+
+    def _finish(self, problem: BoundaryProblem, left: Left) -> Outcome:
+        """The same, of a solver that leaves some."""
+        raise NotImplementedError(f"{type(self).__name__} leaves none")
 
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
         """Follow ``problem`` at samples ``dt`` apart [s]."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
-from multirod.solver import Outcome, Solver, Track
+from multirod.solver import Left, Outcome, Solver, Track
 from multirod.solvers.continuation.natural import natural_branch
 from multirod.solvers.following.follow import ENDED, follow
 from multirod.solvers.following.walk import NOISY
@@ -24,8 +24,49 @@ from multirod.validation import FloatArray, boolean, choice, positive_int
 PREDICTORS = ("none", "linear", "quadratic")
 AT_FOLD = ("follow", "stop")
 SIDES = ("positive", "negative")
+MOST_LEFT = 0.5  # of the instances: more are not left to be done with those of other parts of a batch
 # by which a loose network may end that no other way led to a result
 WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
+
+
+@dataclass
+class _Raised:
+    """Where natural branches lead by raising loads; the first axis of all is the instance.
+
+    Attributes:
+        outcome: How they ended.
+        chosen: Which are meant.
+        handed: Which crept, and are handed over to segments.
+        tried: How segments ended, of those that are not to be tried by these; ``NOT_RUN`` of the others.
+        ends: Unknowns there [1/m].
+        unbounded: Which are beside a line at its kink whose tension rises without bound.
+    """
+
+    outcome: Outcome
+    chosen: BoolArray
+    handed: BoolArray
+    tried: IntArray
+    ends: FloatArray
+    unbounded: BoolArray
+
+    @property
+    def lost(self) -> BoolArray:
+        """Which have no result yet."""
+        return np.asarray(self.chosen & failures(self.outcome.status))
+
+    def left(self, problem: BoundaryProblem) -> Left:
+        """Those that have none."""
+        numbers = np.flatnonzero(self.lost)
+        own = {name: getattr(self, name) for name in ("handed", "tried", "ends", "unbounded")}
+        known = {name: values[numbers] for name, values in (self.outcome.arrays | own).items()}
+        return Left(numbers, problem.snapshot()[numbers], known)
+
+    @classmethod
+    def of(cls, left: Left) -> "_Raised":
+        """The reverse."""
+        own = {name: np.array(values) for name, values in left.known.items()}
+        own, counts = ({name: own[name] for name in own if (name in cls.__annotations__) == mine} for mine in (True, False))
+        return cls(Outcome(**counts), np.ones(len(left.numbers), dtype=bool), **own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,16 +147,36 @@ class Shooting(Solver):
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         newton, problem.side = self._newton(problem), self._sign
         if guess is None:
-            outcome = self._first(problem, newton, poses_apart=True)
-            if self.at_fold != "stop":
-                _tell_passed(problem, outcome)
-            return outcome
+            return self._told(problem, self._first(problem, newton, poses_apart=True))
         problem.write("unknowns", guess)
         newton.allow(self.max_integrations)
         beyond = problem.out_of_reach()
         with problem.without_poses():
             newton.run(~beyond if beyond.any() else None)
         return newton.outcome()
+
+    def _solve_most(self, problem: BoundaryProblem) -> Outcome:
+        newton, problem.side = self._newton(problem), self._sign
+        # what is put together from its joints, or was led to where its path begins, is known by more than is left
+        apart = problem.parts is None or problem.joints is not None or problem.out_of_reach().any()
+        if apart:
+            return self._solve(problem, None)
+        raised = self._raise(problem, newton, np.ones(problem.instance_count, dtype=bool), poses_apart=True)
+        few = 0 < raised.lost.sum() <= MOST_LEFT * problem.instance_count
+        if few and not problem.passed:
+            raised.outcome.left = raised.left(problem)
+            return raised.outcome
+        return self._told(problem, self._end(problem, newton, raised, poses_apart=True))
+
+    def _finish(self, problem: BoundaryProblem, left: Left) -> Outcome:
+        newton, problem.side = self._newton(problem), self._sign
+        problem.restore(left.records)
+        return self._end(problem, newton, _Raised.of(left), poses_apart=True)
+
+    def _told(self, problem: BoundaryProblem, outcome: Outcome) -> Outcome:
+        if self.at_fold != "stop":
+            _tell_passed(problem, outcome)
+        return outcome
 
     def _first(
         self, problem: BoundaryProblem, newton: Newton, chosen: BoolArray | None = None, *, poses_apart: bool = False
@@ -127,7 +188,11 @@ class Shooting(Solver):
         beyond = chosen & problem.out_of_reach()
         if beyond.any():
             return self._within_reach(problem, newton, chosen, beyond)
-        multistable = problem.stability is not None and problem.stability.multistable
+        raised = self._raise(problem, newton, chosen, poses_apart=poses_apart)
+        return self._end(problem, newton, raised, poses_apart=poses_apart)
+
+    def _raise(self, problem: BoundaryProblem, newton: Newton, chosen: BoolArray, *, poses_apart: bool) -> "_Raised":
+        """To where the natural branch leads by raising loads."""
         with problem.without_poses() if poses_apart else nullcontext():
             newton.allow(self.max_integrations)
             handed, tried = np.zeros(problem.instance_count, dtype=bool), np.full(problem.instance_count, int(Status.NOT_RUN))
@@ -143,9 +208,16 @@ class Shooting(Solver):
             refine(problem, newton, outcome, chosen)
             unbounded = self._let_out(problem, newton, outcome, chosen)
             refuse_unstable(problem, outcome, chosen)
-            lost = chosen & failures(outcome.status)
-            if not lost.any():
-                return outcome
+        return _Raised(outcome, chosen, handed, tried, ends, np.zeros_like(chosen) if unbounded is None else unbounded)
+
+    def _end(self, problem: BoundaryProblem, newton: Newton, raised: "_Raised", *, poses_apart: bool) -> Outcome:
+        """From where the natural branch ends before the full load."""
+        outcome, chosen, handed, tried, ends = raised.outcome, raised.chosen, raised.handed, raised.tried, raised.ends
+        multistable = problem.stability is not None and problem.stability.multistable
+        lost, reached = raised.lost, outcome.reached
+        if not lost.any():
+            return outcome
+        with problem.without_poses() if poses_apart else nullcontext():
             newton.allow(self._left(outcome))
             go_on = None if self.at_fold == "stop" else self._go_on
             ended = assemble(problem, newton, outcome, lost, self.max_continuation_steps, go_on)
@@ -173,8 +245,7 @@ class Shooting(Solver):
             lost &= ~_amplifies(problem, creeping, ends, reached)
         if lost.any() and reached is not None and not multistable:
             self._follow(problem, newton, outcome, lost, reached, ends)
-        if unbounded is not None:
-            outcome.status[unbounded & failures(outcome.status)] = Status.LINES_TOO_SHORT
+        outcome.status[raised.unbounded & failures(outcome.status)] = Status.LINES_TOO_SHORT
         lost = np.isin(outcome.status, WITHOUT_REASON)
         if lost.any():
             outcome.status[lost & problem.is_loose()] = Status.LOOSE

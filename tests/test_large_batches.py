@@ -14,6 +14,7 @@ from multirod.running import progress
 
 RK4 = mr.RK4(40)
 NEWTON = mr.Shooting(integrator=RK4)
+PRECISE = mr.Shooting(integrator=mr.RK4(50))
 ARRAYS = ("status", "unknowns", "tip_position", "tip_rotation", "residual", "iterations", "integrations", "gamma")
 
 
@@ -66,6 +67,35 @@ def test_parts_and_threads_change_no_bit(make, solver):
             np.testing.assert_array_equal(getattr(shared, name), getattr(whole, name), err_msg=name)
         np.testing.assert_array_equal(shared.jacobian("tip_force"), whole.jacobian("tip_force"))
         np.testing.assert_array_equal(shared.rod(0).position, whole.rod(0).position)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_few_that_buckle_in_several_parts_are_followed_at_once(threads, monkeypatch):
+    """And each as it is alone, by its number in the batch or among the instances asked for."""
+    finish, together = mr.Shooting._finish, []
+
+    def counted(self, problem, left):
+        together.append(left.numbers.tolist())
+        return finish(self, problem, left)
+
+    monkeypatch.setattr(mr.Shooting, "_finish", counted)
+    robot = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=(0.04, 0.02), torsional_stiffness=0.015))
+    critical = np.pi**2 / 4 * 0.02 / 0.5**2
+    part = np.array([0.5, 1.3, -0.2, 0.8, 0.1, -0.4, 1.1, 0.3, 0.6, 0.2, 1.2, 0.7])
+    inputs = robot.inputs(tip_force=-critical * part[:, None] * (0, 0, 1))
+    whole = mr.solve(robot, inputs, solver=PRECISE, threads=1)
+    assert not together
+    np.testing.assert_array_equal(whole.status == mr.Status.BIFURCATED, part > 1)
+    monkeypatch.setattr(batch, "SHORTEST_PART", 3)
+    shared = mr.solve(robot, inputs, solver=PRECISE, threads=threads)
+    some = np.array([6, 0, 2, 4, 3, 7, 8, 10])
+    chosen = mr.solve(robot, inputs, solver=PRECISE, threads=threads, instances=some)
+    assert together == [[1, 6, 10], [0, 7]]
+    for solution, which in ((shared, slice(None)), (chosen, some)):
+        for name in ARRAYS:
+            np.testing.assert_array_equal(getattr(solution, name), getattr(whole, name)[which], err_msg=name)
+        said = [[event.said for event in own] for own in whole.events]
+        assert [[event.said for event in own] for own in solution.events] == np.array(said, dtype=object)[which].tolist()
 
 
 @pytest.mark.parametrize("make", [single_rod, tubes, legs])

@@ -23,7 +23,7 @@ from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.progress import Watch
 from multirod.segments import Breakpoints, placed
-from multirod.solver import Outcome, Solver, Tested
+from multirod.solver import Left, Outcome, Solver, Tested
 from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified
 from multirod.types import Numbers
@@ -102,6 +102,7 @@ def solve(
     workers = thread_count(threads)
     pieces = _pieces(robot, count, workers, device)
     results, lock = _Results(1, count), Lock()
+    lefts: list[Left] = []
     if not count:
         results.put_none(stand_in(robot, inputs, device=device, **_needs(method)))
 
@@ -112,12 +113,28 @@ def solve(
                 problem = held.enter_context(borrowed(robot, inputs, device=device, instances=some, **_needs(method)))
                 problem.stop = stop
                 start = unknowns_of_guess(guess, problem, count, piece)
-            outcome = method.solve(problem, start)
-            results.put(0, piece, problem.snapshot(), outcome, problem)
-        watch.advance(piece.stop - piece.start)
+            outcome = method.solve(problem, start, leave=len(pieces) > 1)
+            results.put(0, np.arange(count)[piece], problem.snapshot(), outcome, problem)
+        if outcome.left is not None:
+            lefts.append(outcome.left.behind(piece.start))
+        watch.advance(piece.stop - piece.start - (0 if outcome.left is None else len(outcome.left.numbers)))
+
+    def finish(piece: slice, stop: Event) -> None:
+        own = left.take(piece)
+        some = own.numbers if chosen is None else chosen[own.numbers]
+        with ExitStack() as held:
+            with lock:
+                problem = held.enter_context(borrowed(robot, inputs, device=device, instances=some, **_needs(method)))
+                problem.stop = stop
+            outcome = method.finish(problem, own)
+            results.put(0, own.numbers, problem.snapshot(), outcome, problem)
+        watch.advance(len(own.numbers))
 
     with Watch("solving", count, progress) as watch:
         run(work, pieces, workers)
+        if lefts:
+            left = Left.joined(lefts)
+            run(finish, parts(len(left.numbers), workers, robot.rod_count), workers)
     scene = Scene(robot, batch_shape, method.integrator, device, results.fields, threads=workers, dropped=dropped)
     solution = Solution(scene, results.records[0], results.outcome(), inputs, chosen)
     solution.mind_strain()
@@ -183,7 +200,7 @@ def simulate(
         with lock:
             runner = Runner(robot, method, first, dt, device, inputs.active, instances=some)
             runner.start(guess, count, piece)
-        problem, took = runner.problem, step_time[pieces.index(piece)]
+        problem, took, places = runner.problem, step_time[pieces.index(piece)], np.arange(count)[piece]
         problem.stop = stop
         rows = _samples(problem, inputs, samples, batch_shape, some)
         for k in range(samples):
@@ -193,7 +210,7 @@ def simulate(
                 problem.write("inputs", row)
             outcome = runner.track.step()
             took[k] = perf_counter() - begin
-            results.put(k, piece, problem.snapshot(), outcome, problem)
+            results.put(k, places, problem.snapshot(), outcome, problem)
             watch.advance()
 
     with Watch("samples", samples, progress, shares=len(pieces)) as watch:
@@ -261,13 +278,13 @@ class _Results:
         self.records = np.empty((*self._shape, max(field.stop for field in self.fields.values())))
         self._outcome = {name: value.reshape(self._shape) for name, value in outcome.arrays.items()}
 
-    def put(self, sample: int, piece: slice, records: FloatArray, outcome: Outcome, problem: BoundaryProblem) -> None:
-        """Take in what one part of the instances came to; on any thread."""
+    def put(self, sample: int, piece: IntArray, records: FloatArray, outcome: Outcome, problem: BoundaryProblem) -> None:
+        """Take in what some of the instances, (k,), came to; on any thread."""
         values = outcome.arrays
-        first, last = (sample * self._shape[1] + end for end in (piece.start, piece.stop))
+        numbers = sample * self._shape[1] + piece
         with self._lock:
-            self._breakpoints |= placed(outcome.breakpoints, np.arange(first, last))
-            self._events |= placed_events(outcome.events, np.arange(first, last))
+            self._breakpoints |= placed(outcome.breakpoints, numbers)
+            self._events |= placed_events(outcome.events, numbers)
             if not self.fields:
                 # the inputs are known
                 self.fields = {name: field for name, field in problem.record_fields.items() if name != "inputs"}
