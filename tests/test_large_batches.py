@@ -3,6 +3,7 @@
 import signal
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import programs
@@ -96,6 +97,20 @@ def test_the_few_that_buckle_in_several_parts_are_followed_at_once(threads, monk
             np.testing.assert_array_equal(getattr(solution, name), getattr(whole, name)[which], err_msg=name)
         said = [[event.said for event in own] for own in whole.events]
         assert [[event.said for event in own] for own in solution.events] == np.array(said, dtype=object)[which].tolist()
+
+
+@pytest.mark.usefixtures("short_parts")
+def test_what_is_left_of_the_residual_is_kept_where_those_few_find_nothing():
+    """A strip under a force across it along its wide side, which buckles sideways at 1 in these units."""
+    robot = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=(4.0, 0.02), torsional_stiffness=0.015))
+    lateral = 4.0126 * np.sqrt(0.02 * 0.015) / 0.5**2
+    part = np.array([0.5, 1.3, -0.2, 0.8, 0.1, -0.4])
+    inputs = robot.inputs(tip_force=lateral * part[:, None] * (0, 1, 0))
+    stops = replace(PRECISE, at_fold="stop")
+    shared, alone = (mr.solve(robot, own, solver=stops, threads=1) for own in (inputs, inputs[:2]))
+    assert shared.status.tolist() == [mr.Status.BRANCH_END if own > 1 else mr.Status.CONVERGED for own in part]
+    assert shared.residual[1] > 1e-3
+    np.testing.assert_array_equal(shared.residual[:2], alone.residual)
 
 
 @pytest.mark.parametrize("make", [single_rod, tubes, legs])
