@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -64,9 +65,10 @@ class _Raised:
     @classmethod
     def of(cls, left: Left) -> "_Raised":
         """The reverse."""
-        own = {name: np.array(values) for name, values in left.known.items()}
-        own, counts = ({name: own[name] for name in own if (name in cls.__annotations__) == mine} for mine in (True, False))
-        return cls(Outcome(**counts), np.ones(len(left.numbers), dtype=bool), **own)
+        mine, counts = dict[str, Any](), dict[str, Any]()
+        for name, values in left.known.items():
+            (mine if name in cls.__annotations__ else counts)[name] = np.array(values)
+        return cls(Outcome(**counts), np.ones(len(left.numbers), dtype=bool), **mine)
 
 
 @dataclass(frozen=True, kw_only=True)
