@@ -69,17 +69,25 @@ def test_a_force_is_estimated_from_the_pose(robot, start):
 
 
 def test_a_stored_rod_in_a_network_is_a_single_rod(single_rod_case, make_pose):
-    """The same equations at the same steps, in other unknowns."""
+    """By itself the same code on the same numbers; beside another rod the same equations in other unknowns."""
     if single_rod_case["difficulty"] != "standard" or single_rod_case["id"].startswith(BUCKLED):
         pytest.skip("its columns grow, and rounding with them, or it has a twin")
     robot, inputs = robot_and_inputs(single_rod_case, make_pose)
     names = {"tip_force": "force", "tip_moment": "moment"}
     given = {names.get(name, name): getattr(inputs, name) for name in inputs.given}
-    network = mr.Network(rods={"rod": robot.rods[0]}, joints=[mr.Joint("rod", "base", to=mr.ground)], base=robot.base)
+    rod, joints = robot.rods[0], [mr.Joint("rod", "base", to=mr.ground)]
+    alone = mr.Network(rods={"rod": rod}, joints=joints, base=robot.base)
+    expected, found = (mr.solve(own, values, solver=SOLVER) for own, values in ((robot, inputs), (alone, alone.inputs(**given))))
+    np.testing.assert_array_equal(found.tip_position, expected.tip_position)
+    np.testing.assert_array_equal(found.tip_rotation, expected.tip_rotation)
+    length, stiff = float(rod.length), 10 * rod.sections[0].bending_stiffness.max()
+    other = mr.Rod(length=0.1 * length, bending_stiffness=stiff, torsional_stiffness=stiff)
+    joints += [mr.Joint("other", "base", to=mr.ground)]
+    beside = mr.Network(rods={"rod": rod, "other": other}, joints=joints, base=robot.base, end_effector="rod")
+    here = {name: value if name.startswith("distributed") else {"rod": value} for name, value in given.items()}
     expected = mr.solve(robot, inputs, solver=TIGHT).raise_if_failed()
-    found = mr.solve(network, network.inputs(**given), solver=TIGHT).raise_if_failed()
-    length = float(robot.rods[0].length)
-    # both at steps whose errors are 1e-12; SingleRod knows force and moment along the rod in closed form, where the network
+    found = mr.solve(beside, beside.inputs(**here), solver=TIGHT).raise_if_failed()
+    # both at steps whose errors are 1e-12; SingleRod knows force and moment along the rod in closed form, where a graph
     # integrates them, so that fixed steps of RK4 would differ by their own errors, up to 2e-5 of the length at 50
     np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=1e-11 * length)
     np.testing.assert_allclose(found.tip_rotation, expected.tip_rotation, rtol=0, atol=3e-11)

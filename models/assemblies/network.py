@@ -24,17 +24,20 @@ from multirod.models.assemblies.network_inputs import (
     ROD_INPUTS,
     by_name,
     in_order,
+    refuse_rod,
+    renamed,
+    robot_of,
 )
-from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.checks import check_drives, surely_driven
 from multirod.models.backbone.derivatives.designs import COMPONENTS, refuse_unknown
 from multirod.models.backbone.derivatives.ends import ways_back
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.terms import scene_features
 from multirod.models.network.derivatives.designs import PARAMETERS, columns_of, parameter_size
-from multirod.models.network.elements.groups import ON_RODS, along
+from multirod.models.network.elements.groups import ON_RODS, along, is_on_rods
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of, place_of
@@ -95,14 +98,14 @@ class Network(Assembly):
             raise TypeError("Network.rods must be a mapping of names to Rod or ConcentricTubes, and hold one at least")
         for name, rod in rods.items():
             name_of("Network.rods", name)
-            _refuse_rod(name, rod)
+            refuse_rod(name, rod)
         self.bodies: tuple[Body, ...] = sequence("Network.bodies", bodies, Body, "Body")
         self.joints: tuple[Joint, ...] = sequence("Network.joints", joints, Joint, "Joint")
         names = [*rods, *(body.name for body in self.bodies)]
         for name in names:
             if names.count(name) > 1:
                 refuse("Network.bodies", name, "must have a name of its own among rods and bodies")
-        robots = [_robot(rod, name) for name, rod in rods.items()]
+        robots = [robot_of(rod, name) for name, rod in rods.items()]
         self.rods = tuple(rod for robot in robots for rod in robot.rods)
         self.base = pose("Network.base", base)
         joined = joints_by_end(self.joints, rods, self.bodies)
@@ -292,12 +295,14 @@ class Network(Assembly):
         """Directions for the derivatives by some inputs and parameters: the numbers of different rods share one."""
         for _, rod, _ in self._each():
             refuse_unknown(names, rod.rods)
+        if self.graph.alone is not None:
+            self.graph.alone.input_directions(*(name for name in names if name == "translation"))
         if "length" in names and self.graph.slides.springs[0].any():
             raise NotImplementedError("derivatives by length are not known where springs are at holes: rests are lengths too")
         sizes = {spec.name: spec.size(self.rod_count) for spec in self.input_specs}
         options = {"direction_count": sum(columns.size for columns in columns_of(self.graph, sizes, names))}
         options |= {"design": True} if any(name in COMPONENTS for name in names) else {}
-        options |= {"placed": True} if "joint_pose" in names else {}
+        options |= {"placed": True} if "joint_pose" in names or self.graph.alone and "base" in names else {}
         return options | ({"lengths": True} if any(self.graph.drives) else {})
 
     def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
@@ -305,14 +310,30 @@ class Network(Assembly):
         return any(ways_back(rod.arrays, translation[:, own]).any() for _, rod, own in self._each())
 
     @reusable
-    def problem(self, inputs: Inputs, *, instances: IntArray | None = None, **options: Any) -> NetworkProblem:  # noqa: ANN401, D102  (its own)
-        graph = self.graph
+    def problem(  # noqa: D102
+        self,
+        inputs: Inputs,
+        *,
+        instances: IntArray | None = None,
+        enabled: Sequence[str] = (),
+        **options: Any,  # noqa: ANN401  (its own)
+    ) -> NetworkProblem | BackboneProblem:
+        alone, graph, given = self.graph.alone, self.graph, inputs
+        if alone is not None and not options.get("placed") and not is_on_rods(inputs, enabled):
+            return alone.problem(inputs, instances=instances, enabled=enabled, **options)
         if instances is not None:
             whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
             graph, inputs = graph.take(whole, instances), inputs.take(whole, instances)
-        return NetworkProblem(graph, self._end_effector, inputs, effector_frame=self.effector_frame, **options)
+        frame = self.effector_frame
+        result = NetworkProblem(graph, self._end_effector, inputs, effector_frame=frame, enabled=enabled, **options)
+        if alone is not None and not is_on_rods(inputs, enabled):
+            steps, forces = options["integrator"], (*enabled, "follower_force")  # with which the force at the base is unknown
+            result.alone = lambda: alone.problem(given, integrator=steps, instances=instances, enabled=forces)
+        return result
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
+        if self.graph.alone is not None and not is_on_rods(inputs, enabled):
+            return self.graph.alone.features(inputs, enabled=enabled)
         active = along(inputs, enabled)
         found = []
         for rod in self.graph.rods:
@@ -322,7 +343,7 @@ class Network(Assembly):
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
         result = copy(self)
-        robots = [_renamed(robot.with_rods(rods[at]), name) for name, robot, at in self._each()]
+        robots = [renamed(robot.with_rods(rods[at]), name) for name, robot, at in self._each()]
         result.rods = tuple(rod for robot in robots for rod in robot.rods)
         own = self.graph
         result.graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes, self.joints)
@@ -369,31 +390,3 @@ class Network(Assembly):
             for name, count in kinds
         ]
         return f"Network({', '.join(counts)}, end effector {self.end_effector!r})"
-
-
-def _refuse_rod(name: str, rod: Rod | ConcentricTubes) -> None:
-    if any(own.is_embedded or own.loads for own in ((rod,) if isinstance(rod, Rod) else rod.rods)):
-        refuse(
-            f"Network.rods[{name!r}]",
-            rod,
-            "must have no foundation and no loads of its own, which take a free tip",
-        )
-
-
-def _robot(rod: Rod | ConcentricTubes, name: str) -> BackboneAssembly:
-    """A rod as a robot of its own, by the name that it has in the network."""
-    return _renamed(SingleRod(rod) if isinstance(rod, Rod) else rod, name)
-
-
-def _renamed(robot: BackboneAssembly, name: str) -> BackboneAssembly:
-    """The same with rods of that name; several are counted from 0."""
-    if robot.rod_count == 1:
-        return robot.with_rods([_named(robot.rods[0], name)])
-    return robot.with_rods([_named(rod, f"{name} {k}") for k, rod in enumerate(robot.rods)])
-
-
-def _named(rod: Rod, name: str) -> Rod:
-    """The same rod by the name that it has in the network."""
-    result = copy(rod)
-    object.__setattr__(result, "name", name)
-    return result

@@ -1,16 +1,21 @@
-"""What networks take, and how values by the names of rods, bodies and joints are put in order."""
+"""What networks take: rods, and inputs, whose values by the names of rods, bodies and joints are put in order."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from multirod.inputs import InputSpec
+from multirod.models.assemblies.concentric_tubes import ConcentricTubes
+from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.network.elements.groups import ON_RODS
 from multirod.models.network.joining.bodies import place_of
 from multirod.models.network.places import FIXED, FOLLOWING, LOADED
 from multirod.models.platform.inputs import LEG_INPUTS
+from multirod.rod import Rod
 from multirod.validation import FloatArray, array, meant, refuse
 
 INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
@@ -132,3 +137,32 @@ def by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> Fl
         parts[key] = own if sizes[key] > 1 else own[..., None]
     shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts.values()], axis=-1)
+
+
+def refuse_rod(name: str, rod: Rod | ConcentricTubes) -> None:
+    """Refuse a rod that a network cannot hold."""
+    if any(own.is_embedded or own.loads for own in ((rod,) if isinstance(rod, Rod) else rod.rods)):
+        refuse(
+            f"Network.rods[{name!r}]",
+            rod,
+            "must have no foundation and no loads of its own, which take a free tip",
+        )
+
+
+def robot_of(rod: Rod | ConcentricTubes, name: str) -> BackboneAssembly:
+    """A rod as a robot of its own, by the name that it has in the network."""
+    return renamed(SingleRod(rod) if isinstance(rod, Rod) else rod, name)
+
+
+def renamed(robot: BackboneAssembly, name: str) -> BackboneAssembly:
+    """The same with rods of that name; several are counted from 0."""
+    if robot.rod_count == 1:
+        return robot.with_rods([_named(robot.rods[0], name)])
+    return robot.with_rods([_named(rod, f"{name} {k}") for k, rod in enumerate(robot.rods)])
+
+
+def _named(rod: Rod, name: str) -> Rod:
+    """The same rod by the name that it has in the network."""
+    result = copy(rod)
+    object.__setattr__(result, "name", name)
+    return result

@@ -79,6 +79,8 @@ TIP_CURVATURE = InputSpec(
 )
 _BEHIND = "where each tube starts: at the plate, 0, or behind it, negative"
 TUBE_INPUTS = tuple(replace(spec, description=_BEHIND) if spec.name == "translation" else spec for spec in BACKBONE_INPUTS)
+CALLED = {"force": "tip_force", "moment": "tip_moment"}  # what robots of several load places call these where there is one
+NOT_TAKEN = ("rod_force", "rod_moment")  # beside what acts on all rods alike, of which a backbone has but one
 DRIVES: dict[str, dict[str, Any]] = {
     "tension": {
         "unit": "N",

@@ -24,7 +24,7 @@ from multirod.models.backbone import unknowns as meaning
 from multirod.models.backbone.derivatives.derivatives import BackboneDerivatives, BackboneSensing
 from multirod.models.backbone.derivatives.designs import PARAMETERS
 from multirod.models.backbone.derivatives.ends import part_ends
-from multirod.models.backbone.inputs import DRIVES
+from multirod.models.backbone.inputs import CALLED, DRIVES, NOT_TAKEN
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import residuals_of, unknowns_of
 from multirod.models.backbone.kernels.layout.members import drive_slices, drives
@@ -274,7 +274,7 @@ class BackboneProblem(BoundaryProblem):
     # ---- the interface ----
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
-        if inputs.profiles or self.inputs_given.profiles:
+        if inputs.profiles or self.inputs_given.profiles or any(name in NOT_TAKEN for name in inputs.given):
             return False
         self._clear()
         self.inputs_given = inputs
@@ -336,7 +336,7 @@ class BackboneProblem(BoundaryProblem):
         if name in DRIVES:
             return drive_slices(self.drives, self.first_drive).get(name, slice(self.first_drive, self.first_drive))
         start = InputOffsets(len(self.rods)).of(name)
-        return slice(start, start + (3 if name in INPUT_VECTORS else len(self.rods)))
+        return slice(start, start + (3 if CALLED.get(name, name) in INPUT_VECTORS else len(self.rods)))
 
     def aim(self, *names: str) -> None:
         """As said; what depends on inputs and unknowns is found at each integration."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from multirod.inputs import InputSpec
 from multirod.integrators import Integrator
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, TIP_CURVATURE
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, CALLED, NOT_TAKEN, TIP_CURVATURE
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.members import drives
 from multirod.models.backbone.kernels.loads.load import Load
@@ -28,6 +28,7 @@ def terms_of(spec: InputSpec) -> tuple[str, ...]:
 
 
 TERMS = {spec.name: terms_of(spec) for spec in (*BACKBONE_INPUTS, TIP_CURVATURE)}
+TERMS |= {name: TERMS[own] for name, own in CALLED.items()}
 
 
 def scene_features(
@@ -116,4 +117,4 @@ def problem_features(
 def takes(features: Features, name: str) -> bool:
     """Whether an input may act: whether the terms that it needs are there."""
     own = [load for load in BY_INPUT if load.input == name]
-    return all(load in features.loads for load in own) and all(getattr(features, term) for term in TERMS.get(name, ()))
+    return name not in NOT_TAKEN and all(load in features.loads for load in own) and all(getattr(features, term) for term in TERMS.get(name, ()))

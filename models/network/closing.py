@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from multirod.capabilities import Loading
 from multirod.models.joint_kernels import AT_REST
 from multirod.models.network.elements.elements import GAP_AT, POSE
-from multirod.models.network.places import LOADED
+from multirod.models.network.places import FOLLOWING, LOADED
 from multirod.models.network.starting import Apart, taken_apart
 from multirod.problem import STILL, neutral_ways
 from multirod.status import BoolArray
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 CLOSED = 1e-4  # of a length, that a gap is closed to
 REGULAR = 1e-8  # least singular value of a network that is not singular, of the largest
+GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 ARRAYS = ("opening", "soft", "shift", "loading")
 
 
@@ -171,3 +172,25 @@ class Closing:
             for array, before in zip(kept, values, strict=True):
                 array.assign(before)
             self.opening[:], self.soft[:], self.loading[:], self.shift[:] = own
+
+
+def load_scale(problem: "NetworkProblem") -> FloatArray:
+    """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""
+    problem.hand_over()
+    own = [group.backbones.load_scale().reshape(problem.instance_count, -1).max(axis=1) for group in problem.groups]
+    total = np.sum(own, axis=0)
+    inputs, L, EI = problem.read("inputs"), problem.length, problem.stiffness
+    first, bodies = problem.rod_count, slice(problem.rod_count, None)
+    rods = [*range(first, first + problem.body_count), *problem.graph.free, *(first + problem.graph.framed)]
+    for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
+        size = np.linalg.norm(inputs[:, problem.input_slice(name)].reshape(problem.instance_count, -1, 3), axis=2)
+        total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)
+    for push in problem.graph.pushes(inputs[:, problem.pushed_place]):
+        total += (np.abs(push).sum(axis=2) * (L / EI)[:, : problem.rod_count]).sum(axis=1)
+    gravity = np.linalg.norm(inputs[:, problem.input_slice("gravity")], axis=1)
+    total += gravity * (problem.graph.mass * L[:, bodies] ** 2 / EI[:, bodies]).sum(axis=1)
+    held = problem.graph.ends[1].held
+    if held.any():
+        gap = problem.closing.apart().residual[:, problem.places[held, :6]] * L[:, : problem.rod_count][:, held, None]
+        total += (GAP_LOAD * np.linalg.norm(gap[..., :3], axis=2) + np.linalg.norm(gap[..., 3:], axis=2)).max(axis=1)
+    return np.asarray(total)

@@ -224,6 +224,14 @@ class Graph:
         return np.asarray((base.frame != GROUND) | (base.table.count > 0))
 
     @cached_property
+    def alone(self) -> BackboneAssembly | None:
+        """A rod that is clamped to the ground, its tip free, and the whole network, as a robot of its own; None of others."""
+        base = self.ends[0]
+        if len(self.rods) > 1 or self.bodies or self.fixed or not len(self.free) or base.table.count[0]:
+            return None
+        return self.whole[0].with_base(self.base @ base.pose[..., 0, :, :])
+
+    @cached_property
     def depth(self) -> int:
         """Rods on the way from the ground to what is furthest from it."""
         steps = np.full(len(self.bodies) + 1, len(self.names) + 1)

@@ -5,7 +5,7 @@ what its ends say of the bodies is an element (``elements.py``), and residual an
 put together by ``network_kernels.py``; ``entries.py`` says where they stand, and how ``Gamma`` is eliminated along the graph.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -24,13 +24,13 @@ from multirod.models.backbone.starts import twisted
 from multirod.models.network import network_kernels as kernels
 from multirod.models.network.buffers import networks_of
 from multirod.models.network.capabilities import NetworkLines, NetworkParts, NetworkShapes
-from multirod.models.network.closing import Closing
+from multirod.models.network.closing import Closing, load_scale
 from multirod.models.network.derivatives.along import NetworkSensing, columns_along
 from multirod.models.network.derivatives.designs import Aim, Columns, columns_of
 from multirod.models.network.elements.element_kernels import form
-from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds
+from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds, is_on_rods
 from multirod.models.network.graph import DRIVEN, PUSHED, Graph
-from multirod.models.network.places import FOLLOWING, LOADED, blocks_of, input_places, place_of_all
+from multirod.models.network.places import blocks_of, input_places, place_of_all
 from multirod.models.network.poses import frames_of
 from multirod.models.network.stability.clamps import NetworkClamps
 from multirod.models.network.stability.conjugates import NetworkConjugates
@@ -41,8 +41,6 @@ from multirod.models.network.state import State
 from multirod.problem import BoundaryProblem
 from multirod.status import Status
 from multirod.validation import FloatArray
-
-GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 
 
 class NetworkProblem(BoundaryProblem):
@@ -63,6 +61,7 @@ class NetworkProblem(BoundaryProblem):
     """
 
     guess_integrations: int = 1
+    alone: Callable[[], BoundaryProblem] | None = None  # of one rod, that by itself, with an unknown force at its base
 
     def __init__(
         self,
@@ -236,7 +235,13 @@ class NetworkProblem(BoundaryProblem):
         for launch in (first, last):
             launch.set_dim(self.listed)
 
+    def adopt(self, unknowns: FloatArray) -> FloatArray:
+        """As said; also those of a network that is one rod by itself."""
+        return super().adopt(unknowns if self.alone is None else self.alone().adopt(unknowns))
+
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
+        if self.graph.alone is not None and not is_on_rods(inputs, self.options["enabled"]):
+            return False  # it is solved by itself
         self._clear()
         self.__dict__.pop("conjugates", None)
         for group in self.groups:
@@ -377,23 +382,5 @@ class NetworkProblem(BoundaryProblem):
         own = [group.backbones.curvature_scale().reshape(self.instance_count, -1) for group in self.groups]
         return np.asarray(np.concatenate(own, axis=1).max(axis=1))
 
-    def load_scale(self) -> FloatArray:
-        """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""
-        self.hand_over()
-        own = [group.backbones.load_scale().reshape(self.instance_count, -1).max(axis=1) for group in self.groups]
-        total = np.sum(own, axis=0)
-        inputs, L, EI = self.read("inputs"), self.length, self.stiffness
-        rods = [*range(self.rod_count, self.rod_count + self.body_count), *self.graph.free, *(self.rod_count + self.graph.framed)]
-        for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
-            size = np.linalg.norm(inputs[:, self.input_slice(name)].reshape(self.instance_count, -1, 3), axis=2)
-            total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)
-        for push in self.graph.pushes(inputs[:, self.pushed_place]):
-            total += (np.abs(push).sum(axis=2) * (L / EI)[:, : self.rod_count]).sum(axis=1)
-        gravity = np.linalg.norm(inputs[:, self.input_slice("gravity")], axis=1)
-        bodies = slice(self.rod_count, None)
-        total += gravity * (self.graph.mass * L[:, bodies] ** 2 / EI[:, bodies]).sum(axis=1)
-        held = self.graph.ends[1].held
-        if held.any():
-            gap = self.closing.apart().residual[:, self.places[held, :6]] * L[:, : self.rod_count][:, held, None]
-            total += (GAP_LOAD * np.linalg.norm(gap[..., :3], axis=2) + np.linalg.norm(gap[..., 3:], axis=2)).max(axis=1)
-        return np.asarray(total)
+    def load_scale(self) -> FloatArray:  # noqa: D102
+        return load_scale(self)

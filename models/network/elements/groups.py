@@ -34,6 +34,11 @@ def along(inputs: Inputs, enabled: Iterable[str] = ()) -> list[str]:
     return [name for name in ALONG if name in active or any(ON_RODS.get(own) == name for own in active)]
 
 
+def is_on_rods(inputs: Inputs, enabled: Iterable[str] = ()) -> bool:
+    """Whether any of ``ON_RODS`` is given or may be."""
+    return any(name in ON_RODS for name in (*inputs.given, *enabled))
+
+
 class RodGroup:
     """Several rods of all instances as backbones whose tips are held.
 

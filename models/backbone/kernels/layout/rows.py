@@ -1,6 +1,6 @@
 """Where numbers stand in the rows that kernels read: of the rods' material, of inputs, of what a direction changes."""
 
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, TIP_CURVATURE
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, CALLED, TIP_CURVATURE
 
 # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length, magnetic moment per length, stiffness of the foundation
 MATERIAL_SIZE = 16
@@ -27,7 +27,7 @@ class InputOffsets:
 
     def of(self, name: str) -> int:
         """Where an input begins."""
-        return int(getattr(self, name.upper()))
+        return int(getattr(self, CALLED.get(name, name).upper()))
 
 
 class DesignOffsets:
