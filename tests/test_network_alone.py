@@ -8,6 +8,7 @@ import multirod as mr
 
 WIRE = mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814, precurvature=(14, 5, 0))
 SOLVER = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(50))
+FINE = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(400))
 GIVEN = {"rotation": 0.3, "translation": 0.01, "distributed_force": (0.2, 0.1, -0.3)}
 FORCE, MOMENT = (0.5, -0.3, 0.2), (0.02, 0.01, 0.03)
 BASE, FOOT = pose((0.3, -0.2, 0.5), (0.1, 0, 0)), pose((0.1, 0.4, 0), (0.02, 0.03, 0.05))
@@ -26,8 +27,8 @@ def pair():
     return network(), mr.SingleRod(WIRE, base=BASE @ FOOT)
 
 
-def solved(robot, **given):
-    return mr.solve(robot, robot.inputs(**given), solver=SOLVER).raise_if_failed()
+def solved(robot, solver=SOLVER, /, **given):
+    return mr.solve(robot, robot.inputs(**given), solver=solver).raise_if_failed()
 
 
 def test_results_and_derivatives_are_those_of_the_rod(pair):
@@ -46,10 +47,10 @@ def test_results_and_derivatives_are_those_of_the_rod(pair):
 
 
 def test_where_it_stands_is_varied_as_of_any_network(pair, difference):
-    """The force at its base is unknown there: by poses of the joint and of the ground against those of a graph, to what the steps
-    of both are off, and against differences."""
+    """The force at its base is unknown there: by poses of the joint and of the ground against those of a graph, and differences;
+    at so many steps that those of both agree."""
     given = {"force": {"rod": FORCE}, "moment": {"rod": MOMENT}, **GIVEN}
-    found, other = (solved(robot, **given) for robot in (pair[0], network(beside=True)))
+    found, other = (solved(robot, FINE, **given) for robot in (pair[0], network(beside=True)))
     assert len(other.unknowns) > len(found.unknowns)
     for name in ("joint_pose", "base"):
         by = other.jacobian(name)[..., :6]
@@ -58,7 +59,7 @@ def test_where_it_stands_is_varied_as_of_any_network(pair, difference):
     def moved(t):
         shift = np.eye(4)
         shift[:3, 3] = 0, t, 0
-        return solved(network(foot=FOOT @ pose((t, 0, 0)), base=BASE @ shift), **given).tip_position
+        return solved(network(foot=FOOT @ pose((t, 0, 0)), base=BASE @ shift), FINE, **given).tip_position
 
     by_turn = found.jacobian("joint_pose")[:3, 3:] @ FOOT[:3, 0]  # told in the frame of the ground
     by_shift = found.jacobian("base")[:3, :3] @ BASE[:3, 1]  # in the world

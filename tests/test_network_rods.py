@@ -267,11 +267,13 @@ def column(**line):
 
 def compressed(robot, inputs, force, level=1.0):
     """Unstable modes of the straight column, its lines taut, and its residual [1/m]."""
-    problem = robot.problem(inputs, integrator=mr.RK4(50))
+    graph = isinstance(robot, mr.Network)
+    # one rod is solved by itself but where the poses of its joints are varied
+    problem = robot.problem(inputs, integrator=mr.RK4(50), **({"placed": True} if graph else {}))
     problem.load_factor.fill_(level)
     x = np.zeros((1, problem.unknown_count))
     x[:, 3:5] = 1e-3
-    if isinstance(robot, mr.Network):
+    if graph:
         x[:, -1] = -level * force * LENGTH / EI
     residual, _ = problem.evaluate(x)
     modes = problem.stability.modes()

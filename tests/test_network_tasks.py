@@ -80,13 +80,12 @@ def test_a_stored_rod_in_a_network_is_a_single_rod(single_rod_case, make_pose):
     expected, found = (mr.solve(own, values, solver=SOLVER) for own, values in ((robot, inputs), (alone, alone.inputs(**given))))
     np.testing.assert_array_equal(found.tip_position, expected.tip_position)
     np.testing.assert_array_equal(found.tip_rotation, expected.tip_rotation)
-    length, stiff = float(rod.length), 10 * rod.sections[0].bending_stiffness.max()
-    other = mr.Rod(length=0.1 * length, bending_stiffness=stiff, torsional_stiffness=stiff)
     joints += [mr.Joint("other", "base", to=mr.ground)]
-    beside = mr.Network(rods={"rod": rod, "other": other}, joints=joints, base=robot.base, end_effector="rod")
+    beside = mr.Network(rods={"rod": rod, "other": rod}, joints=joints, base=robot.base, end_effector="rod")
     here = {name: value if name.startswith("distributed") else {"rod": value} for name, value in given.items()}
     expected = mr.solve(robot, inputs, solver=TIGHT).raise_if_failed()
     found = mr.solve(beside, beside.inputs(**here), solver=TIGHT).raise_if_failed()
+    length = float(rod.length)
     # both at steps whose errors are 1e-12; SingleRod knows force and moment along the rod in closed form, where a graph
     # integrates them, so that fixed steps of RK4 would differ by their own errors, up to 2e-5 of the length at 50
     np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=1e-11 * length)

@@ -22,6 +22,7 @@ from multirod.models.assemblies.network_inputs import (
     NO_JOINT,
     ON_PLACES,
     ROD_INPUTS,
+    by_itself,
     by_name,
     in_order,
     refuse_rod,
@@ -326,9 +327,8 @@ class Network(Assembly):
             graph, inputs = graph.take(whole, instances), inputs.take(whole, instances)
         frame = self.effector_frame
         result = NetworkProblem(graph, self._end_effector, inputs, effector_frame=frame, enabled=enabled, **options)
-        if alone is not None and not is_on_rods(inputs, enabled):
-            steps, forces = options["integrator"], (*enabled, "follower_force")  # with which the force at the base is unknown
-            result.alone = lambda: alone.problem(given, integrator=steps, instances=instances, enabled=forces)
+        if alone is not None:
+            result.by_itself = lambda: by_itself(alone, given, enabled, integrator=options["integrator"], instances=instances)
         return result
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102

@@ -1,16 +1,17 @@
 """What networks take: rods, and inputs, whose values by the names of rods, bodies and joints are put in order."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from multirod.inputs import InputSpec
+from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.network.elements.groups import ON_RODS
 from multirod.models.network.joining.bodies import place_of
 from multirod.models.network.places import FIXED, FOLLOWING, LOADED
@@ -166,3 +167,12 @@ def _named(rod: Rod, name: str) -> Rod:
     result = copy(rod)
     object.__setattr__(result, "name", name)
     return result
+
+
+def by_itself(rod: BackboneAssembly, inputs: Inputs, enabled: Iterable[str], **options: Any) -> BackboneProblem:  # noqa: ANN401
+    """The problem of a rod that is a whole network, with an unknown force at its base, as it is in a graph; of what acts along
+    it, that which acts on all rods."""
+    own = inputs.with_arrays({name: value for name, value in inputs.arrays.items() if name not in ON_RODS})
+    own.batch_shape = inputs.batch_shape
+    named = [name for name in enabled if name not in ON_RODS]
+    return rod.problem(own, enabled=(*named, "follower_force"), **options)

@@ -61,7 +61,7 @@ class NetworkProblem(BoundaryProblem):
     """
 
     guess_integrations: int = 1
-    alone: Callable[[], BoundaryProblem] | None = None  # of one rod, that by itself, with an unknown force at its base
+    by_itself: Callable[[], BoundaryProblem] | None = None  # of one rod, its problem, with an unknown force at its base
 
     def __init__(
         self,
@@ -237,7 +237,9 @@ class NetworkProblem(BoundaryProblem):
 
     def adopt(self, unknowns: FloatArray) -> FloatArray:
         """As said; also those of a network that is one rod by itself."""
-        return super().adopt(unknowns if self.alone is None else self.alone().adopt(unknowns))
+        if self.by_itself is not None and unknowns.shape[1] != self.unknown_count:
+            unknowns = self.by_itself().adopt(unknowns)
+        return super().adopt(unknowns)
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
         if self.graph.alone is not None and not is_on_rods(inputs, self.options["enabled"]):
