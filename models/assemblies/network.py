@@ -25,7 +25,7 @@ from multirod.models.assemblies.network_inputs import (
     by_itself,
     by_name,
     in_order,
-    refuse_rod,
+    refuse_around,
     renamed,
     robot_of,
 )
@@ -61,8 +61,9 @@ class Network(Assembly):
     ``rods``.
 
     Args:
-        rods: The rods by name, each a ``Rod`` or a ``ConcentricTubes`` (whose own base is not used). None has a foundation; one
-            that slides through holes is the same all along, and has no lines.
+        rods: The rods by name, each a ``Rod`` or a ``ConcentricTubes`` (whose own base is not used). One with a
+            foundation or loads of its own, which go with its base, is clamped there to the ground or a fixed body; one that
+            slides through holes is the same all along, and has no lines.
         bodies: The bodies, those that move and those that are fixed.
         joints: One for every base of a rod, and one for every tip that is not free.
         end_effector: A body that moves, or with the name of one of its ``frames``, ``("top", "tool")``; or the name of a rod,
@@ -97,9 +98,8 @@ class Network(Assembly):
         kinds = (Rod, ConcentricTubes)
         if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, kinds) for rod in rods.values()):
             raise TypeError("Network.rods must be a mapping of names to Rod or ConcentricTubes, and hold one at least")
-        for name, rod in rods.items():
+        for name in rods:
             name_of("Network.rods", name)
-            refuse_rod(name, rod)
         self.bodies: tuple[Body, ...] = sequence("Network.bodies", bodies, Body, "Body")
         self.joints: tuple[Joint, ...] = sequence("Network.joints", joints, Joint, "Joint")
         names = [*rods, *(body.name for body in self.bodies)]
@@ -112,6 +112,7 @@ class Network(Assembly):
         joined = joints_by_end(self.joints, rods, self.bodies)
         holes = holes_by_rod(self.joints, rods)
         self.graph = Graph(robots, list(rods), self.bodies, joined, self.base, holes, self.joints)
+        refuse_around(self.graph)
         refuse_unheld(self.graph)
         refuse_mechanism(self.graph)
         self.load_places = self.graph.load_places

@@ -13,6 +13,7 @@ from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.network.elements.groups import ON_RODS
+from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import place_of
 from multirod.models.network.places import FIXED, FOLLOWING, LOADED
 from multirod.models.platform.inputs import LEG_INPUTS
@@ -140,14 +141,18 @@ def by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> Fl
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts.values()], axis=-1)
 
 
-def refuse_rod(name: str, rod: Rod | ConcentricTubes) -> None:
-    """Refuse a rod that a network cannot hold."""
-    if any(own.is_embedded or own.loads for own in ((rod,) if isinstance(rod, Rod) else rod.rods)):
-        refuse(
-            f"Network.rods[{name!r}]",
-            rod,
-            "must have no foundation and no loads of its own, which take a free tip",
-        )
+def refuse_around(graph: Graph) -> None:
+    """Refuse rods in a medium or with loads of their own, which go with the frame of their base, where that may move."""
+    counts = np.bincount(graph.slides.owner)
+    for k, owner in enumerate(graph.slides.owner.tolist()):
+        robot = graph.whole[owner]
+        if any(rod.is_embedded or rod.loads for rod in robot.rods) and (graph.turning_bases[k] or counts[owner] > 1):
+            refuse(
+                f"Network.rods[{graph.whole_names[owner]!r}]",
+                robot,
+                "must be clamped at its base to the ground or to a body that is fixed, and slide through no hole: a foundation and "
+                "loads of its own go with its base",
+            )
 
 
 def robot_of(rod: Rod | ConcentricTubes, name: str) -> BackboneAssembly:

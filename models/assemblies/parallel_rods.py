@@ -97,13 +97,6 @@ class ParallelRods(Assembly):
             refuse("ParallelRods.legs", Described(f"{count} legs"), "must be 2 to 12")
         mass = nonnegative_float("ParallelRods.platform_mass", platform_mass)
         robots: list[BackboneAssembly] = [SingleRod(leg) if isinstance(leg, Rod) else leg for leg in legs]
-        for k, robot in enumerate(robots):
-            if any(rod.is_embedded or rod.loads for rod in robot.rods):
-                refuse(
-                    f"ParallelRods.legs[{k}]",
-                    legs[k],
-                    "must have no foundation and no loads of its own, which take a free tip",
-                )
         self.legs = tuple(legs)
         self.geometry = Geometry(
             robots,
@@ -241,7 +234,7 @@ class ParallelRods(Assembly):
         """An estimate, not a bound (``docs/explain.md``): each leg a cantilever that carries its share of the platform's
         loads."""
         geometry, legs = self.geometry, len(self.legs)
-        if (geometry.joints != CLAMPED).any() or any(rod.carried for rod in self.rods):
+        if (geometry.joints != CLAMPED).any() or any(rod.carried or rod.is_embedded or rod.loads for rod in self.rods):
             return {}
         found: dict[str, Influence] = {}
         for k, (leg, own) in enumerate(zip(geometry.legs, self._own_rods, strict=True)):

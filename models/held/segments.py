@@ -15,6 +15,7 @@ from multirod.batch import IntArray
 from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.segments.segments import BackboneSegments
+from multirod.models.backbone.segments.working import by_work, work
 from multirod.models.backbone.stability.condensing.by_places import compliance_by_places
 from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm
@@ -347,10 +348,10 @@ class HeldSegments(BackboneSegments):
         chosen = cuts.instances
         transition, first = self._transitions(cuts, found), cuts.first
         if self._placed:
-            by_work = self._by_work(transition, cuts)
+            working = by_work(self, transition, cuts)
             R, tip = self._base(chosen)[0], found["end_state"][first[1:] - 1]
             ends = R[cuts.owner] @ self._matrices(found["end_state"])
-            own = compliance_by_places(by_work, ends, first, self._work(cuts), self._scale[chosen], R, tip[:, :3])
+            own = compliance_by_places(working, ends, first, work(self, cuts), self._scale[chosen], R, tip[:, :3])
             form.put(np.flatnonzero(few), own)
             return form
         names = (self._moment, self._position), (self._rotation, self._force)

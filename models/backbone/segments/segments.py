@@ -15,6 +15,7 @@ from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
 from multirod.models.backbone.segments.growth import largest_singular_value
 from multirod.models.backbone.segments.room import NodeRooms, Room
+from multirod.models.backbone.segments.working import by_work, held_form, work
 from multirod.models.backbone.stability.condensing.by_places import form_by_places
 from multirod.models.backbone.stability.condensing.by_segments import form_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, CondensedForm, segments_needed
@@ -64,6 +65,10 @@ class BackboneSegments(Segments):
         own.residual = wp.zeros((count, m), dtype=wp.float64, device=device)
         own.gamma = wp.zeros((count, m, d), dtype=wp.float64, device=device)
         own.residual_directions = wp.zeros((count, m, max(problem.direction_count, 1)), dtype=wp.float64, device=device)
+        if problem.held:
+            self.call.wrench.values = wp.zeros((count, 6), dtype=wp.float64, device=device)
+            shape = (count, 6, d + max(problem.direction_count, 1))
+            self.call.wrench.columns = wp.zeros(shape, dtype=wp.float64, device=device)
         self._stiffness = np.broadcast_to(unit_stiffness(problem.arrays.material[:, 0, 0]), (count, 3))
         self._precurvature = np.broadcast_to(problem.arrays.precurvature[:, 0, 0, :3], (count, 3))
         self._scale = np.broadcast_to(problem.arrays.end[:, 0, -1], (count,))
@@ -253,7 +258,8 @@ class BackboneSegments(Segments):
         self, points: dict[int, Breakpoints], node_count: int
     ) -> tuple[tuple[Shape, ...], FloatArray, FloatArray, FloatArray, FloatArray]:
         problem = self.problem
-        cuts, full = Cuts.of_points(points), np.ones(len(points))
+        cuts = Cuts.of_points(points)
+        full = self.level(cuts.instances)
         found = self.propagate(cuts, full)
         states = cuts.states.copy()
         if not self.features.loads_by_place:
@@ -319,21 +325,23 @@ class BackboneSegments(Segments):
     def condensed_form(self, points: dict[int, Breakpoints]) -> CondensedForm:
         """(12) The second variation of these instances, in their order; what is clamped at the base is all there is behind it."""
         count = len(points)
-        form = CondensedForm(np.full((count, 3, 3), np.nan), np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
+        problem = self.problem
+        form = CondensedForm.unknown(count, 6 if problem.held else 3)
         if not count:
             return form
-        problem = self.problem
         cuts, few = self._cut_for_modes(points)
         if not few.any():
+            return form
+        if problem.held:
+            form.put(np.flatnonzero(few), held_form(self, cuts))
             return form
         found = self._propagate(cuts, np.ones(len(cuts.instances)), problem.buffers.twisting_table())
         base = self._base(cuts.instances)[0][cuts.owner]
         frames, ends = (base @ self._matrices(states) for states in (cuts.states, found.end))
         unit = self._stiffness[cuts.instances] / self._scale[cuts.instances, None]
         if problem.features.loads_by_place:
-            form.put(
-                np.flatnonzero(few), form_by_places(self._by_work(found.transition, cuts), ends, cuts.first, self._work(cuts))
-            )
+            own = form_by_places(by_work(self, found.transition, cuts), ends, cuts.first, work(self, cuts))
+            form.put(np.flatnonzero(few), own)
             return form
         own, W = form_by_segments(
             found.transition[:, self._conjugates[:, None], self._conjugates], frames, ends, cuts.first, unit
@@ -343,19 +351,10 @@ class BackboneSegments(Segments):
         form.put(np.flatnonzero(few), own)
         return form
 
-    def _work(self, cuts: Cuts) -> FloatArray:
-        """Energy of a unit of what varies, by a unit of its conjugate [N m], shape (count,): ``EI/L``."""
-        return np.asarray(self._force_unit[cuts.instances])
-
-    def _by_work(self, transition: FloatArray, cuts: Cuts) -> FloatArray:
-        """Transitions as ``form_by_places`` takes them, by rotations in radians and positions over the length."""
-        names = ("moment", "place", "rotation", "force")
-        order = np.concatenate([np.arange(self.variation_size)[self._varied.places[name]] for name in names])
-        unit = np.ones((len(transition), 12))
-        unit[:, :3] = self._stiffness[cuts.instances[cuts.owner]]
-        unit[:, :3] /= (self._work(cuts) * self._scale[cuts.instances])[cuts.owner, None]
-        unit[:, 3:6] = -1.0
-        return np.asarray(unit[:, :, None] * transition[:, order[:, None], order] / unit[:, None, :])
+    def level(self, instances: IntArray) -> FloatArray:
+        """Load factor at which results are looked at, shape (count,): of rods among others what these say."""
+        among = self.problem.held and not self.given_at_base
+        return self.problem.buffer("load_factor")[instances] if among else np.ones(len(instances))
 
     def _cut_for_modes(self, points: dict[int, Breakpoints]) -> tuple[Cuts, BoolArray]:
         """Segments of these instances so short that none holds a conjugate point, (7) of ``docs/stability.md``, and which have so
@@ -376,7 +375,7 @@ class BackboneSegments(Segments):
         length, needed = length[few], needed[few]
         while (long := (cuts.end - cuts.start) * needed[cuts.owner] > length[cuts.owner]).any():
             half = cuts.halves(long)
-            cuts = cuts.halved(long, half, self.propagate(half, np.ones(len(half.instances))).end)
+            cuts = cuts.halved(long, half, self.propagate(half, self.level(half.instances)).end)
         return cuts, few
 
     def _tensions_eliminated(self, form: CondensedForm, W: FloatArray, cuts: Cuts, found: Propagation) -> CondensedForm:

@@ -157,6 +157,8 @@ class BackboneStability(StabilityAnalysis):
         open_, shifted = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
         if self.problem.features.world_force_is_state and not self.place_unknown:
             return self._by_place(), determinant
+        if self.place_unknown and self.problem.held:  # of a free one ``Gamma`` tells
+            return CondensedForm.unknown(count, size), determinant
         if self.problem.breakpoints:
             cut = list(self.problem.breakpoints)
             form = CondensedForm.unknown(count, size)
@@ -196,7 +198,10 @@ class BackboneStability(StabilityAnalysis):
         length, states = cut.length(everyone), cut.base_state(everyone, unknowns)
         steps = np.array([problem.integrator.steps or 0], dtype=np.int32)
         points = {k: Breakpoints(np.array([0.0, length[k]]), states[k : k + 1], unknowns[k], steps) for k in everyone.tolist()}
-        return cut.condensed_form(points | problem.breakpoints)
+        form = cut.condensed_form(points | problem.breakpoints)
+        if problem.held and cut.asked is problem:  # who holds it reads what holds it, as a pass over nodes leaves it
+            problem.tip_wrench.assign(cut.call.wrench.values)
+        return form
 
     def by_breakpoints(self) -> CondensedForm:
         """The same of instances that are known by their breakpoints, in their order."""

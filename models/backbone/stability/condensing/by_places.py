@@ -60,15 +60,8 @@ class Elimination:
         self.W[on] = led[:, :6] @ inverse
 
 
-def form_by_places(transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray) -> CondensedForm:
-    """``form_by_segments`` of rods whose tips are free.
-
-    Args:
-        transition: Shape (segment, 12, 12), the segments of one instance after those of another.
-        ends: Frames where they end, body to world, shape (segment, 3, 3).
-        first: Where the segments of each instance begin, then how many there are, shape (batch + 1,).
-        unit: Energy per square of what varies [N m], shape (batch,).
-    """
+def _to_tips(transition: FloatArray, first: NDArray[np.integer[Any]]) -> Elimination:
+    """All nodes eliminated, and led on to the tips, what is given there as where other segments end."""
     found, lengths = Elimination(len(first) - 1), np.diff(first)
     with np.errstate(all="ignore"):  # what is not sound need not be finite
         for k in range(int(lengths.max())):
@@ -77,11 +70,58 @@ def form_by_places(transition: FloatArray, ends: FloatArray, first: NDArray[np.i
             if k > 0:
                 found.node(on, T, HELD)
             found.go_on(on, T[:, :, WRENCH] if k == 0 else found.led(on, T))
-    tip = ends[first[1:] - 1]
-    matrix = tip @ (unit[:, None, None] * found.W[:, :3, :3]) @ tip.swapaxes(1, 2)
+    return found
+
+
+def _form(found: Elimination, matrix: FloatArray) -> CondensedForm:
+    """A form of what was eliminated."""
     known = found.known & np.isfinite(matrix).all(axis=(1, 2))
-    matrix[~known], found.conjugate[~known] = np.nan, 0
-    return CondensedForm(matrix, found.conjugate, known)
+    matrix[~known] = np.nan
+    return CondensedForm(matrix, np.where(known, found.conjugate, 0).astype(np.int32), known)
+
+
+def form_by_places(
+    transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray
+) -> CondensedForm:
+    """``form_by_segments`` of rods whose tips are free.
+
+    Args:
+        transition: Shape (segment, 12, 12), the segments of one instance after those of another.
+        ends: Frames where they end, body to world, shape (segment, 3, 3).
+        first: Where the segments of each instance begin, then how many there are, shape (batch + 1,).
+        unit: Energy per square of what varies [N m], shape (batch,).
+    """
+    found, tip = _to_tips(transition, first), ends[first[1:] - 1]
+    return _form(found, tip @ (unit[:, None, None] * found.W[:, :3, :3]) @ tip.swapaxes(1, 2))
+
+
+def held_form_by_places(
+    transition: FloatArray,
+    ends: FloatArray,
+    first: NDArray[np.integer[Any]],
+    unit: FloatArray,
+    length: FloatArray,
+    base: FloatArray,
+    moment: FloatArray,
+) -> CondensedForm:
+    """(22b) ``condensed_form`` of rods whose tips are held: moment and negative position by rotation of the tip and force on it.
+
+    Args:
+        transition: As ``form_by_places`` has it, likewise the next three.
+        ends: Frames where segments end.
+        first: Where those of each instance begin.
+        unit: Energy per square of what varies.
+        length: In which positions are told [m], shape (batch,).
+        base: Frame in which positions and forces are told, body to world, shape (batch, 3, 3).
+        moment: At the tip, in its own frame [N m], shape (batch, 3).
+    """
+    found, tip = _to_tips(transition, first), ends[first[1:] - 1]
+    # the moment in the world varies with the frame that it is told in, too
+    found.W[:, :3, :3] -= cross_matrix(moment / unit[:, None])
+    ahead, back = np.zeros((2, len(unit), 6, 6))
+    ahead[:, :3, :3], ahead[:, 3:, 3:] = unit[:, None, None] * tip, length[:, None, None] * base
+    back[:, :3, :3], back[:, 3:, 3:] = tip, (length / unit)[:, None, None] * base
+    return _form(found, ahead @ found.W @ back.swapaxes(1, 2))
 
 
 def compliance_by_places(
