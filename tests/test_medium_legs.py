@@ -88,7 +88,8 @@ def sways_at(k: float) -> float:
 
     loads = np.linspace(0.2, 3, 3000) * (2 * np.sqrt(k * EI) + 20 * EI / L**2)
     values = [lacking(P) for P in loads]
-    return 2 * next(brentq(lacking, a, b, xtol=1e-12) for (a, f), (b, g) in pairwise(zip(loads, values, strict=True)) if f * g < 0)
+    between = pairwise(zip(loads, values, strict=True))
+    return 2 * next(brentq(lacking, a, b, xtol=1e-12) for (a, f), (b, g) in between if f * g < 0)
 
 
 @pytest.mark.parametrize("k", [60.0, 600.0])
@@ -145,5 +146,5 @@ def test_a_base_that_moves_is_refused():
         mr.Joint("strip", "base", to=body),
         mr.Joint("strip", "base", to=mr.ground, kind="revolute", axis=(0, 1, 0), stiffness=1.0),
     ):
-        with pytest.raises(ValueError, match=r"Network.rods\['strip'\] .* must be clamped at its base to the ground or to a body that"):
+        with pytest.raises(ValueError, match=r"Network.rods\['strip'\] .* must be clamped at its base to the ground"):
             mr.Network(rods={"mast": plain, "strip": embedded}, bodies=[body], joints=[*mast, joint])

@@ -150,8 +150,8 @@ def refuse_around(graph: Graph) -> None:
             refuse(
                 f"Network.rods[{graph.whole_names[owner]!r}]",
                 robot,
-                "must be clamped at its base to the ground or to a body that is fixed, and slide through no hole: a foundation and "
-                "loads of its own go with its base",
+                "must be clamped at its base to the ground or to a body that is fixed, and slide through no hole: a foundation "
+                "and loads of its own go with its base",
             )
 
 

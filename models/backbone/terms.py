@@ -117,4 +117,6 @@ def problem_features(
 def takes(features: Features, name: str) -> bool:
     """Whether an input may act: whether the terms that it needs are there."""
     own = [load for load in BY_INPUT if load.input == name]
-    return name not in NOT_TAKEN and all(load in features.loads for load in own) and all(getattr(features, term) for term in TERMS.get(name, ()))
+    if name in NOT_TAKEN:
+        return False
+    return all(load in features.loads for load in own) and all(getattr(features, term) for term in TERMS.get(name, ()))

@@ -80,9 +80,7 @@ def _form(found: Elimination, matrix: FloatArray) -> CondensedForm:
     return CondensedForm(matrix, np.where(known, found.conjugate, 0).astype(np.int32), known)
 
 
-def form_by_places(
-    transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray
-) -> CondensedForm:
+def form_by_places(transition: FloatArray, ends: FloatArray, first: NDArray[np.integer[Any]], unit: FloatArray) -> CondensedForm:
     """``form_by_segments`` of rods whose tips are free.
 
     Args:
