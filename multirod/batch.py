@@ -88,6 +88,8 @@ def parts(count: int, threads: int, rods: int = 1) -> list[slice]:
     The more ``rods`` an instance has, the shorter they are.
     """
     longest, shortest = max(1, LONGEST_PART // rods), max(1, SHORTEST_PART // rods)
+    if count < 2 * shortest:
+        return [slice(0, count)]
     number = max(2, -(-count // (threads * longest)))
     number = threads * max(1, min(number, count // (threads * shortest)))
     if number * shortest > count:

@@ -163,13 +163,13 @@ def integers(field: str, value: object) -> NDArray[np.intp]:
 
 def device_name(field: str, value: object) -> str:
     """The name of a device that there is."""
-    import warp as wp
-
     from multirod.kernels.compiling import start_warp
 
     start_warp()
     if isinstance(value, str) and value == "cpu":  # which there always is
         return value
+    import warp as wp
+
     names = [device.alias for device in wp.get_devices()]
     # "cuda" is the present one of several
     if isinstance(value, str) and (value in names or (value == "cuda" and wp.is_cuda_available())):

@@ -240,6 +240,8 @@ _starting = Lock()
 def start_warp() -> None:
     """Initialise Warp, without the line by which its C library says that there is no GPU driver."""
     global _started
+    if _started:
+        return
     with _starting:
         if _started:
             return

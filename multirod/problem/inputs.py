@@ -71,9 +71,8 @@ class ByInputs(Buffers, ABC):
         if missing:
             raise ValueError(f"the problem was made without {', '.join(missing)}: name them in enabled, or make a new problem")
         packed = np.zeros((*self.batch_shape, self.input_count))
-        for name in inputs.given:
-            if name not in inputs.profiles:
-                packed[..., self.input_slice(name)] = getattr(inputs, name)
+        for name, values in inputs.arrays.items():
+            packed[..., self.input_slice(name)] = values
         return packed.reshape(self.instance_count, self.input_count)
 
     @abstractmethod

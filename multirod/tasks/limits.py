@@ -8,6 +8,7 @@ from typing import Any
 from weakref import ref
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Assembly
@@ -22,6 +23,7 @@ ROUNDING = 1e-14  # in units (9)
 INSET = 1e-10  # likewise, by what steps keep limits, which rounding does not use up
 PROJECTIONS = 1000
 MOST_KNOWN = 64  # rows that are kept for who asks for the same again
+NEAR = 1e-8  # in units (9), what is at a limit
 ROUNDING_BEYOND = 1e-9  # of what counts as one, what a start may be beyond a limit by rounding
 
 
@@ -72,7 +74,7 @@ class Limits:
     @property
     def of_shape(self) -> bool:
         """Whether shapes are limited too."""
-        return bool(self.shape_names)
+        return self.curvature is not None or self.stability_margin is not None
 
     @property
     def shape_names(self) -> tuple[str, ...]:
@@ -132,6 +134,15 @@ class LimitRows:
         """``low`` and ``high``, by so much within them that rounding leads beyond none; ``unit`` is (9), shape (k,)."""
         room = np.minimum(INSET * (np.abs(self.matrix) @ unit), 0.25 * (self.high - self.low))
         return self.low + room, self.high - room
+
+    def nearness(self, unit: FloatArray) -> FloatArray:
+        """How near to each row is at it, shape (c,)."""
+        return NEAR * (np.abs(self.matrix) @ unit)
+
+    def near(self, values: FloatArray, unit: FloatArray) -> NDArray[np.bool_]:
+        """Which rows ``p`` (b, k) stands at, shape (b, c)."""
+        at, least = values @ self.matrix.T, self.nearness(unit)
+        return np.asarray((at - self.low <= least) | (self.high - at <= least))
 
     def remarks(self, values: FloatArray, target: FloatArray | None, error: float) -> Remarks:
         """What a recording shows of a sample at ``p`` (k,): limits that have two ends, and a target of the position."""
@@ -278,7 +289,7 @@ def _order(robot: Assembly, gap: float | None, start: int, count: int) -> Iterat
 def refuse_start(field: str, rows: LimitRows, values: FloatArray, robot: Assembly, free: Sequence[str]) -> None:
     """Refuse a start ``p`` (b, k) that is beyond a limit."""
     places = values @ rows.matrix.T
-    if ((rows.low <= places) & (places <= rows.high)).all():
+    if not np.count_nonzero((places < rows.low) | (places > rows.high)):
         return
     beyond = rows.outside(values, input_units(robot, free))
     wrong = np.argwhere(beyond > ROUNDING_BEYOND)

@@ -118,6 +118,11 @@ class Pose:
         return row_count(self.kind)
 
     @property
+    def position_rows(self) -> int:
+        """Those of the position, which come first."""
+        return POSITION_ROWS[self.kind[0]]
+
+    @property
     def kind(self) -> "Kind":
         """What it has, as kernels read it."""
         return _kind(self)

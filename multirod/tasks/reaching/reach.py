@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import cached_property
+from dataclasses import dataclass
 from math import prod
 from threading import Event
 from typing import Any, get_args
@@ -11,29 +11,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod import plausibility
-from multirod.assembly import Assembly, Robot, Robot_co
+from multirod.assembly import Assembly, Robot
 from multirod.batch import broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
-from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
 from multirod.tasks.formulation import freed, with_values
-from multirod.tasks.limits import LimitRows, Limits, known_rows, middle, refuse_start, told
+from multirod.tasks.limits import Limits, known_rows, middle, refuse_start
 from multirod.tasks.reaching.drive import expect_search
-from multirod.tasks.reaching.search import Prefer, Search
-from multirod.tasks.reaching.trying import Work, held, search_part
+from multirod.tasks.reaching.reached import Aim, Chosen, Ends, Reached
+from multirod.tasks.reaching.search import Prefer
+from multirod.tasks.reaching.trying import Work, held_by_shape, search_part
 from multirod.tasks.rows import Pose
-from multirod.types import Index
 from multirod.validation import (
     Described,
     FloatArray,
+    Kind,
     choice,
     device_name,
-    frozen,
     instance,
     positive_float,
     positive_int,
@@ -42,75 +41,7 @@ from multirod.validation import (
 
 TOLERANCE = 4e-7  # of a target, in lengths of the longest rod and rad: 0.16 um and 0.4 urad of 0.4 m
 MAX_INTEGRATIONS = 300
-
-
-class Reached(Solution[Robot_co]):
-    """Equilibria whose end effectors are at their targets, or as near as limits let them be: a ``Solution``, and how near.
-
-    Attributes:
-        target: What was asked for.
-        free: Names of the inputs that were chosen; ``inputs`` has their values.
-        target_error: Distance from the position asked for [m], shape (...); also of an instance that failed, how near it came.
-            NaN if no position was asked for.
-        target_angle: Angle from the rotation or the axis asked for [rad], likewise.
-        at_limit: Which of the freed numbers, in the order of ``free``, take part in a limit that they stand at, shape (..., k);
-            of a limit of the shape those that change what it limits.
-    """
-
-    def __init__(
-        self,
-        scene: Scene[Robot_co],
-        records: FloatArray,
-        outcome: Outcome,
-        inputs: Inputs,
-        *,
-        target: Pose,
-        free: Sequence[str],
-        errors: FloatArray,
-        at_limit: NDArray[np.bool_],
-        holds: NDArray[np.bool_],
-        limits: LimitRows,
-        limit_names: tuple[str, ...],
-    ) -> None:
-        super().__init__(scene, records, outcome, inputs)
-        self.target, self.free = target, tuple(free)
-        self.target_error = frozen(errors[:, 0].reshape(self.batch_shape))
-        self.target_angle = frozen(errors[:, 1].reshape(self.batch_shape))
-        self.at_limit = frozen(at_limit.reshape(*self.batch_shape, -1))
-        self._holds, self._limits, self._limit_names = holds.reshape(*self.batch_shape, -1), limits, limit_names
-
-    @cached_property
-    def _remarks(self) -> Remarks | None:  # type: ignore[override]  # found when it is asked for
-        if self.batch_shape or self.target.batch_shape:
-            return None
-        values = np.concatenate([getattr(self.inputs, name) for name in self.free])
-        return self._limits.remarks(values, self.target.position, float(self.target_error))
-
-    @property
-    def held_by(self) -> tuple[str, ...] | NDArray[np.object_]:
-        """Names of the limits that it stands at, as of a controller's command: such as ``"translation[0]"``,
-        ``"translation[1] - translation[0]"`` for a gap, ``"curvature"``; of a batch an array of these, shape (...)."""
-        flat = self._holds.reshape(-1, self._holds.shape[-1])
-        found = np.empty(len(flat), dtype=object)
-        for row, own in enumerate(flat):
-            found[row] = tuple(self._limit_names[j] for j in np.flatnonzero(own))
-        return np.asarray(found.reshape(self.batch_shape)) if self.batch_shape else found[0]
-
-    @property
-    def _asides(self) -> dict[str, str]:
-        return told(float(self.target_error), float(self.target_angle), list(self.held_by))
-
-    def __getitem__(self, index: Index) -> "Reached[Robot_co]":
-        """The result of some instances: ``index`` as for an array with the leading axes ``batch_shape``."""
-        plain: Any = super().__getitem__(index)
-        result = object.__new__(Reached)
-        result.__dict__.update(plain.__dict__)
-        chosen: Any = index
-        result.target, result.free = self.target, self.free
-        result.target_error, result.target_angle = frozen(self.target_error[chosen]), frozen(self.target_angle[chosen])
-        result.at_limit = frozen(self.at_limit[chosen])
-        result._holds, result._limits, result._limit_names = self._holds[chosen], self._limits, self._limit_names
-        return result
+PREFERENCES = get_args(Prefer)
 
 
 def reach(
@@ -181,7 +112,7 @@ def reach(
     for name in free:
         if name in given.profiles:
             refuse("free", free, f"{name} is a function of the arclength: it cannot be chosen")
-    choice("prefer", prefer, get_args(Prefer))
+    choice("prefer", prefer, PREFERENCES)
     if starts != 0:
         positive_int("starts", starts, 0)
     try:
@@ -242,15 +173,12 @@ def _with_axes(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> Reached[Any]:
-    count, k = prod(work.batch_shape), len(work.unit)
-    records: dict[str, Any] = {}
-    outcome = Outcome(np.array(status), *np.zeros((2, count), dtype=np.int32))
-    errors, values = np.full((count, 2), np.nan), np.zeros((count, k))
-    at_limit, holds = np.zeros((count, k), dtype=bool), np.zeros((count, len(work.limit_names)), dtype=bool)
-    pieces = parts(count, threads, work.robot.rod_count) if count else []
+    count = prod(work.batch_shape)
+    pieces = parts(count, threads, work.robot.rod_count)
+    found: dict[int, _Part] = {}
 
     def one(piece: slice, stop: Event) -> None:
-        numbers = None if piece == slice(0, count) else np.arange(piece.start, piece.stop)
+        numbers = None if len(pieces) == 1 else np.arange(piece.start, piece.stop)
         settings: dict[str, Any] = {"integrator": work.method.integrator, "device": work.device, "instances": numbers}
         with ExitStack() as borrowing:
             with work.lock:
@@ -258,49 +186,37 @@ def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thread
                 problem: BoundaryProblem = borrowing.enter_context(made)
                 problem.stop = stop
             search = search_part(work, problem, piece, numbers, status[piece])
-            found, fields = problem.snapshot(), dict(problem.record_fields)
-            with work.lock:
-                if "all" not in records:
-                    records["all"], records["fields"] = np.empty((count, found.shape[1])), fields
-                records["all"][piece] = found
-            outcome.status[piece], outcome.iterations[piece] = search.status, search.iterations
-            outcome.integrations[piece] = spent[piece] + search.integrations
-            values[piece] = search.last.p
-            errors[piece] = _errors(search)
-            at_limit[piece], holds[piece] = held(work, search, piece)
+            records = problem.snapshot()
+            ended = np.array(search.status), np.array(search.iterations), spent[piece] + search.integrations
+            ends = Ends(np.array(search.errors), held_by_shape(work, search, piece))
+            places, weight = search.task.places, search.goals.rows.weight
+            found[piece.start] = _Part(records, ended, ends, problem.record_fields, places, weight)
 
     run(one, pieces, threads)
-    fields = {name: place for name, place in records["fields"].items() if name != "inputs"}
-    scene = Scene(work.robot, work.batch_shape, work.method.integrator, work.device, fields, threads=threads)
-    inputs = with_values(work.inputs, work.free, values.reshape(*work.batch_shape, k))
-    result: Reached[Any] = Reached(
-        scene,
-        records["all"],
-        outcome,
-        inputs,
-        target=work.target,
-        free=work.free,
-        errors=errors,
-        at_limit=at_limit,
-        holds=holds,
-        limits=work.limits,
-        limit_names=work.limit_names,
-    )
+    all_ = [found[piece.start] for piece in pieces]
+    first, of_shape = all_[0], work.of_shape
+    aim = Aim(work.target, work.free, work.limits, work.unit, () if of_shape is None else of_shape.shape_names, first.weight)
+    chosen = Chosen(work.inputs, work.free, first.places, work.batch_shape)
+    scene = Scene(work.robot, work.batch_shape, work.method.integrator, work.device, first.fields, chosen, threads=threads)
+    outcome = Outcome(*(_joined([part.ended[k] for part in all_]) for k in range(3)))
+    ends = Ends.joined([part.ends for part in all_])
+    result: Reached[Any] = Reached(scene, _joined([part.records for part in all_]), outcome, aim, ends, chosen)
     result.mind_strain()
     return result
 
 
-def _errors(search: Search) -> FloatArray:
-    """Distance [m] and angle [rad] from the targets, shape (b, 2)."""
-    rows, result = search.goals.rows, np.full((len(search.errors), 2), np.nan)
-    begin = rows.position_rows
-    if begin:
-        result[:, 0] = _lengths(search.errors[:, :begin] / rows.weight[0])
-    if rows.count > begin:
-        result[:, 1] = _lengths(search.errors[:, begin:] / rows.weight[1])
-    return result
+@dataclass(frozen=True)
+class _Part:
+    """What comes of a part of a batch: records of its problem, status, iterations and integrations, how the search ended; where
+    fields of records are, where freed numbers stand in a row of inputs, and the weight of rows."""
+
+    records: FloatArray
+    ended: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
+    ends: Ends
+    fields: dict[str, slice]
+    places: NDArray[np.intp]
+    weight: FloatArray
 
 
-def _lengths(rows: FloatArray) -> FloatArray:
-    """``np.linalg.norm`` of each row, which takes twice as long for one."""
-    return np.asarray(np.sqrt((rows * rows).sum(axis=1)))
+def _joined(arrays: list[NDArray[Kind]]) -> NDArray[Kind]:
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)

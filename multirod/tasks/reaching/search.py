@@ -1,6 +1,5 @@
 """The way to a target: unknowns and freed inputs step together, many instances at once. Numbers: ``docs/tasks.md``."""
 
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,12 +25,11 @@ from multirod.tasks.reaching.drive_kernels import (
     TOLERANCE,
 )
 from multirod.tasks.reaching.search_kernels import BEGINNING, ENDED, NOT_REACHED
-from multirod.tasks.rows import PARTS, PoseRows
+from multirod.tasks.rows import PoseRows
 from multirod.validation import FloatArray
 
 LEAST_PART = 0.01  # of the way
 SINGULAR = 1e-5  # least over largest singular value of J, from which a target that is not reached is called singular
-NEAR_LIMIT = 1e-8  # in units (9)
 SETTLING = 4  # integrations that an equilibrium that was found by other kernels is brought to its tolerance by
 SETTLING_FAR = 12  # the same of where a search ended short of its target
 # as NumPy compares an array with them at once, and takes as long as a tenth of an integration with a member of ``Status``
@@ -88,10 +86,9 @@ class Goals:
 
 def _limiting(limits: LimitRows, unit: FloatArray) -> dict[str, FloatArray]:
     """What kernels are told of limits of the freed inputs."""
-    size = np.abs(limits.matrix) @ unit
     low, high = limits.inset(unit)
     result = {"unit": unit, "limits": limits.matrix, "step_limits": limits.matrix * unit}
-    result |= {"low": limits.low, "high": limits.high, "near": NEAR_LIMIT * size}
+    result |= {"low": limits.low, "high": limits.high, "near": limits.nearness(unit)}
     return result | {"inset_low": low, "inset_high": high}
 
 
@@ -115,18 +112,19 @@ class Search:
         self._arrays.clear()
         problem.expect_judging()
         self._values = values = self._arrays.values
-        self.origin, self.origin_unknowns = np.array(p), np.array(x)
+        self.origin, self.origin_unknowns = p, x
         self.origin_errors = np.full((len(x), rows.count), np.nan)  # NaN where the start is not known
-        given: dict[str, FloatArray | None] = {name: getattr(rows, name) for name in PARTS}
-        given |= {"centre": goals.centre, "residual_tolerance": goals.residual_tolerance}
         if self._arrays.limits is not limits:
-            self._arrays.limit(limits, _limiting(limits, goals.unit) | {"curvature": problem.curvature_scale()})
-        for name, value in given.items():
-            if value is not None:
-                values[name][:] = value
+            self._arrays.limit(limits, _limiting(limits, goals.unit))
+        values["curvature"][:] = problem.curvature_scale()
+        for name in rows.given:
+            values[name][:] = getattr(rows, name)
+        values["residual_tolerance"][:] = goals.residual_tolerance
+        if goals.centre is not None:
+            values["centre"][:] = goals.centre
         settings = values["settings"]
         settings[LENGTH], settings[TOLERANCE] = goals.length, goals.tolerance
-        settings[POSITION_WEIGHT], settings[ANGLE_WEIGHT] = rows.weight
+        settings[POSITION_WEIGHT : ANGLE_WEIGHT + 1] = rows.weight
         settings[SHAPED], settings[PULLED] = goals.of_shape is not None, goals.centre is not None
         self.start, self.last, self.here, self._fold = (
             Place(values[f"{name}_x"], values[f"{name}_p"]) for name in ("start", "last", "here", "fold")
@@ -147,10 +145,11 @@ class Search:
         Parts that fail are shortened, to no less than ``least``, others lengthened. ``status`` is then ``REACHED``, ``AT_LIMIT``,
         ``UNREACHABLE``, ``SINGULAR_TASK`` or ``INTEGRATION_LIMIT``, or ``UNSTABLE`` if the only equilibrium found is past a fold.
         """
-        if not chosen.any():
+        many = np.count_nonzero(chosen)
+        if not many:
             return
         values, arrays = self._values, self._arrays
-        values["phase"][:] = np.where(chosen, BEGINNING, ENDED)
+        values["phase"][:] = BEGINNING if many == len(chosen) else np.where(chosen, BEGINNING, ENDED)
         settings = values["settings"]
         settings[LEAST], settings[PART], settings[RESUMED] = least, part, 0.0
         np.add(self.integrations, self.goals.max_integrations, out=values["allowed"])
@@ -160,7 +159,7 @@ class Search:
             while under_way:
                 under_way = self._pass(under_way)
         arrays.fetch()
-        if (self.status == REACHED).all():
+        if self.all_reached:
             return
         self._settle(np.flatnonzero(chosen & (self.status == AT_LIMIT)))
         self._say_why(np.flatnonzero(self.status == NOT_REACHED))
@@ -177,12 +176,13 @@ class Search:
 
     def _pass(self, under_way: int) -> int:
         """Integrations of those under way until one of them ends or asks, which then is answered; how many are under way then."""
-        arrays, problem = self._arrays, self.task.problem
-        with ExitStack() as only:
-            if under_way < len(self.status):
-                arrays.fetch()
-                only.enter_context(problem.only(self._values["phase"] != ENDED))
+        arrays = self._arrays
+        if under_way == len(self.status):
             left, asked = arrays.go_on(under_way)
+        else:
+            arrays.fetch()
+            with self.task.problem.only(self._values["phase"] != ENDED):
+                left, asked = arrays.go_on(under_way)
         while asked:
             arrays.fetch()
             self._answer()
@@ -214,12 +214,6 @@ class Search:
         self.status[unstable] = Status.UNSTABLE
 
     # ---- what is judged ----
-
-    def near(self, rows: IntArray) -> BoolArray:
-        """Which limits of the freed inputs they stand at, shape (len(rows), c)."""
-        limits, least = self.goals.limits, self._values["near"]
-        at = self.last.p[rows] @ limits.matrix.T
-        return np.asarray((at - limits.low <= least) | (limits.high - at <= least))
 
     def modes(self, rows: IntArray) -> Modes:
         """Of the equilibria at ``last``."""
@@ -256,16 +250,28 @@ class Search:
             return np.zeros(len(rows), dtype=bool)
         return np.asarray(~(self.room(rows) >= 0).all(axis=1))  # NaN is not within either
 
-    def unstable(self, rows: IntArray) -> BoolArray:
-        """Whether the equilibria at ``last`` are not stable, as far as that can be said, shape (len(rows),)."""
+    def unstable(self, rows: IntArray, *, asked: bool = False) -> BoolArray:
+        """Whether the equilibria at ``last`` are not stable, as far as that can be said, shape (len(rows),); ``asked`` whether
+        ``_surely_stable`` was, and did not say so."""
         if not len(rows):
             return np.zeros(0, dtype=bool)
-        problem = self.task.problem
-        self.task.write(self.last.x, self.last.p)
-        if len(rows) == problem.instance_count and problem.stability is not None and problem.stability.surely_stable():
+        if not asked and len(rows) == len(self.status) and self._surely_stable():
             return np.zeros(len(rows), dtype=bool)
         stability = self.modes(rows).stability
         return np.asarray((stability == Stability.UNSTABLE) | (stability == Stability.FOLD))
+
+    def _surely_stable(self) -> bool:
+        """Whether the equilibria at ``last`` are all stable, and that is told at once."""
+        stability = self.task.problem.stability
+        if stability is None:
+            return False
+        self.task.write(self.last.x, self.last.p)
+        return stability.surely_stable()
+
+    @property
+    def all_reached(self) -> bool:
+        """Whether all instances are at their targets."""
+        return np.count_nonzero(self.status == REACHED) == len(self.status)
 
     def tried(self, chosen: BoolArray) -> None:
         """Drive the instances chosen from where they begin now, at once or not at all.
@@ -289,7 +295,11 @@ class Search:
     def sought(self, chosen: BoolArray) -> None:
         """Drive the instances chosen, and again with care where what was found is not stable; ``UNSTABLE`` if so again."""
         self.drive(chosen)
-        unstable = self._not_stable(chosen)
+        reached = self.all_reached
+        if reached and self._surely_stable():
+            self.origin_errors[:] = self._first_errors
+            return
+        unstable = self._not_stable(chosen, asked=reached)
         if unstable.any():
             self.drive(unstable, CAREFUL)
             self.status[self._not_stable(unstable)] = Status.UNSTABLE
@@ -317,13 +327,11 @@ class Search:
         self.errors[others] = errors[others]
         self.status[fit] = Status.AT_LIMIT
 
-    def returned(self) -> None:
+    def _returned(self) -> None:
         """Put those back to where they began that are not ``REACHED`` and ended farther off than that; statuses stay.
 
         A result, ``AT_LIMIT``, only where that is stable and within the limits of shapes.
         """
-        if (self.status == REACHED).all():
-            return
         nearer = np.linalg.norm(self.origin_errors, axis=1) < np.linalg.norm(self.errors, axis=1)
         rows = np.flatnonzero(nearer & (self.status != REACHED))
         if not len(rows):
@@ -372,27 +380,33 @@ class Search:
         """Which are results."""
         return np.asarray((self.status == REACHED) | (self.status == AT_LIMIT))
 
-    def _not_stable(self, chosen: BoolArray) -> BoolArray:
+    def _not_stable(self, chosen: BoolArray, *, asked: bool = False) -> BoolArray:
         result = np.zeros(len(chosen), dtype=bool)
         rows = np.flatnonzero(chosen & self._found())
         if len(rows):
-            result[rows] = self.unstable(rows)
+            result[rows] = self.unstable(rows, asked=asked)
         return result
 
     def leave(self) -> None:
         """Leave the problem's buffers at ``last``, and what its own test refuses as failed."""
-        self.status[self._settle(np.flatnonzero(self.status == AT_LIMIT))] = Status.UNREACHABLE
+        problem, done = self.task.problem, self.all_reached
+        if not done:
+            self._returned()
+            self.status[self._settle(np.flatnonzero(self.status == AT_LIMIT))] = Status.UNREACHABLE
         if self.goals.of_shape is not None:
             rows = np.flatnonzero(self._found())
             self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
-        self._tell_errors(np.flatnonzero(UNREACHED[self.status]))
-        problem, found = self.task.problem, self._found()
-        differ = (problem.read("unknowns") != self.last.x).any(axis=1) | (self.here.x != self.last.x).any(axis=1)
-        stale = found & (differ | (self.here.p != self.last.p).any(axis=1))
-        if stale.any():
-            self.here.put(stale, self.last)
-            self.task.evaluate(self.last.x, self.last.p, stale)
-            self.integrations[stale] += 1
+        if not done:
+            self._tell_errors(np.flatnonzero(UNREACHED[self.status]))
+        found = self._found()
+        differ = (problem.read("unknowns") != self.last.x) | (self.here.x != self.last.x)
+        moved = self.here.p != self.last.p
+        if np.count_nonzero(differ) or np.count_nonzero(moved):
+            stale = found & (differ.any(axis=1) | moved.any(axis=1))
+            if stale.any():
+                self.here.put(stale, self.last)
+                self.task.evaluate(self.last.x, self.last.p, stale)
+                self.integrations[stale] += 1
         self.task.write(self.last.x, self.last.p)
         if problem.result_test is not None:
             refusals = problem.result_test.refusals(found)

@@ -17,6 +17,7 @@ from multirod.status import Status, failures
 from multirod.tasks.controlling.shape_limits import INSET
 from multirod.tasks.formulation import Task, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
+from multirod.tasks.reaching.reached import ShapeHolds
 from multirod.tasks.reaching.redundancy import steadied
 from multirod.tasks.reaching.search import AT_LIMIT, REACHED, Goals, Place, Prefer, Search
 from multirod.tasks.reaching.sliding import Slid, slid
@@ -53,11 +54,6 @@ class Work:
     pool: "_Pool | None" = None
     slid: dict[int, Slid] = field(default_factory=dict)  # along limits of the shape, by instance
 
-    @property
-    def limit_names(self) -> tuple[str, ...]:
-        """Of the freed inputs, then of the shape."""
-        return self.limits.names + (() if self.of_shape is None else self.of_shape.shape_names)
-
 
 @dataclass(frozen=True)
 class _Pool:
@@ -88,50 +84,46 @@ def search_part(
         max_integrations=work.max_integrations,
     )
     sound = ~failures(status)
-    x = problem.adopt(work.unknowns[piece])
-    search = Search(task, goals, x if sound.all() else np.where(sound[:, None], x, 0.0), task.values())
-    within = sound.copy()
+    x, whole = problem.adopt(work.unknowns[piece]), np.count_nonzero(sound) == len(sound)
+    search = Search(task, goals, x if whole else np.where(sound[:, None], x, 0.0), task.values())
+    within = sound
     if work.of_shape is not None:
-        rows = np.flatnonzero(sound)
+        rows, within = np.flatnonzero(sound), sound.copy()
         within[rows] = ~search.beyond(rows)
     search.sought(within)
-    if not within.all():
+    if not search.all_reached:
         search.status[~sound], search.status[sound & ~within] = status[~sound], Status.OUT_OF_LIMITS
-    if work.of_shape is not None and not work.robot.batch_shape:
-        _along_limits(work, search, piece, np.flatnonzero(within & (search.status != REACHED)))
-    if work.starts:
-        _from_elsewhere(work, search, piece, sound)
+        if work.of_shape is not None and not work.robot.batch_shape:
+            _along_limits(work, search, piece, np.flatnonzero(within & (search.status != REACHED)))
+        if work.starts:
+            _from_elsewhere(work, search, piece, sound)
     if work.prefer == "stability":
         steadied(search)
-    search.returned()
     search.leave()
     return search
 
 
-def held(work: Work, search: Search, piece: slice) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which freed numbers of results take part in a limit that they stand at, shape (b, k), and which limits these are, as
-    ``limit_names`` counts them, shape (b, c).
+def held_by_shape(work: Work, search: Search, piece: slice) -> ShapeHolds | None:
+    """What limits of the shape hold of results, if there are any.
 
-    Of what slid along a limit of the shape to where it is, the last step says so; of what stopped before one, it holds all.
+    Of what slid along one to where it is, the last step says so; of what stopped before one, it holds all.
     """
-    near = search.near(np.arange(len(search.status))) & ~failures(search.status)[:, None]
-    numbers = np.zeros((len(near), len(work.unit)), dtype=bool)
-    if near.any():
-        numbers = np.asarray((near[:, :, None] & (work.limits.matrix != 0)).any(axis=1))
     if work.of_shape is None:
-        return numbers, near
-    by_shape = np.zeros((len(near), len(work.of_shape.shape_names)), dtype=bool)
+        return None
+    count, names = len(search.status), work.of_shape.shape_names
+    numbers, limits = np.zeros((count, len(work.unit)), dtype=bool), np.zeros((count, len(names)), dtype=bool)
     rows = np.flatnonzero(search.status == AT_LIMIT)
     for row in rows.tolist():
         found = work.slid.get(piece.start + row)
         if found is not None and np.array_equal(found.values, search.last.p[row]):
-            numbers[row] |= found.at_limit
-            by_shape[row] = np.isin(work.of_shape.shape_names, found.held_by)
-    stopped = rows[~(near[rows].any(axis=1) | by_shape[rows].any(axis=1))]
+            numbers[row] = found.at_limit
+            limits[row] = np.isin(names, found.held_by)
+    near = work.limits.near(search.last.p[rows], work.unit)
+    stopped = rows[~(near.any(axis=1) | limits[rows].any(axis=1))]
     if len(stopped):
         left = search.room(stopped)
-        numbers[stopped], by_shape[stopped] = True, left <= left.min(axis=1, keepdims=True) + INSET
-    return numbers, np.concatenate([near, by_shape], axis=1)
+        numbers[stopped], limits[stopped] = True, left <= left.min(axis=1, keepdims=True) + INSET
+    return ShapeHolds(numbers, limits)
 
 
 def _along_limits(work: Work, search: Search, piece: slice, rows: IntArray) -> None:

@@ -1,0 +1,197 @@
+"""What comes of a reach: a solution, and how near it came to its target. What it says beside is found when it is asked for."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.assembly import Robot_co
+from multirod.batch import Instances
+from multirod.inputs import Inputs
+from multirod.results.remarks import Remarks
+from multirod.results.scene import Scene
+from multirod.results.solution import Solution
+from multirod.solver import Outcome
+from multirod.tasks.formulation import with_values
+from multirod.tasks.limits import LimitRows, told
+from multirod.tasks.rows import Pose
+from multirod.types import Index
+from multirod.validation import FloatArray, frozen
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Inputs of a reach, by rows of a problem's: a ``Scene``'s ``unpack``, which can be pickled.
+
+    Attributes:
+        others: All that is not free.
+        free: Names of what is.
+        places: Of it in a row, shape (k,).
+        batch_shape: Leading axes.
+    """
+
+    others: Inputs
+    free: tuple[str, ...]
+    places: NDArray[np.intp]
+    batch_shape: tuple[int, ...]
+
+    def __call__(self, rows: FloatArray) -> Inputs:
+        """Those of rows (count, input_count)."""
+        return with_values(self.others, self.free, self.values(rows).reshape(*self.batch_shape, -1))
+
+    def values(self, rows: FloatArray) -> FloatArray:
+        """What is free of it, shape (count, k)."""
+        return rows[:, self.places]
+
+
+@dataclass(frozen=True)
+class ShapeHolds:
+    """What limits of the shape hold; axes (instance, ...).
+
+    Attributes:
+        numbers: Which freed numbers take part, shape (count, k).
+        limits: Which limits these are, shape (count, s).
+    """
+
+    numbers: NDArray[np.bool_]
+    limits: NDArray[np.bool_]
+
+    def take(self, instances: Instances) -> "ShapeHolds":
+        """Those of some instances."""
+        return ShapeHolds(self.numbers[instances], self.limits[instances])
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where instances ended; axes (instance, ...).
+
+    Attributes:
+        errors: Of the target's rows [1/m], shape (count, m).
+        by_shape: What limits of the shape hold, if there are any.
+    """
+
+    errors: FloatArray
+    by_shape: ShapeHolds | None
+
+    def take(self, instances: Instances) -> "Ends":
+        """Those of some instances."""
+        return Ends(self.errors[instances], None if self.by_shape is None else self.by_shape.take(instances))
+
+    @classmethod
+    def joined(cls, ends: "list[Ends]") -> "Ends":
+        """All of the parts of a batch."""
+        if len(ends) == 1:
+            return ends[0]
+        held = [own.by_shape for own in ends if own.by_shape is not None]
+        by_shape = None
+        if held:
+            by_shape = ShapeHolds(
+                np.concatenate([own.numbers for own in held]), np.concatenate([own.limits for own in held])
+            )
+        return cls(np.concatenate([own.errors for own in ends]), by_shape)
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What all instances of a reach have in common.
+
+    Attributes:
+        target: Of the end effector.
+        free: Names of the freed inputs.
+        limits: Of these.
+        unit: (9) of ``docs/tasks.md``, shape (k,).
+        shape_names: Names of the limits of shapes that there are.
+        weight: Of rows of the position and of angles, shape (2,).
+    """
+
+    target: Pose
+    free: tuple[str, ...]
+    limits: LimitRows
+    unit: FloatArray
+    shape_names: tuple[str, ...]
+    weight: FloatArray
+
+
+class Reached(Solution[Robot_co]):
+    """Equilibria whose end effectors are at their targets, or as near as limits let them be: a ``Solution``, and how near."""
+
+    def __init__(self, scene: Scene[Robot_co], records: FloatArray, outcome: Outcome, aim: Aim, ends: Ends, chosen: Chosen):
+        super().__init__(scene, records, outcome)
+        self._aim, self._ends, self._chosen = aim, ends, chosen
+
+    @property
+    def target(self) -> Pose:
+        """What was asked for."""
+        return self._aim.target
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the inputs that were chosen; ``inputs`` has their values."""
+        return self._aim.free
+
+    @cached_property
+    def target_error(self) -> FloatArray:
+        """Distance from the position asked for [m], shape (...); also of an instance that failed, how near it came. NaN if no
+        position was asked for."""
+        rows = self._aim.target.position_rows
+        return self._size(self._ends.errors[:, :rows], self._aim.weight[0])
+
+    @cached_property
+    def target_angle(self) -> FloatArray:
+        """Angle from the rotation or the axis asked for [rad], likewise."""
+        rows = self._aim.target.position_rows
+        return self._size(self._ends.errors[:, rows:], self._aim.weight[1])
+
+    def _size(self, rows: FloatArray, weight: float) -> FloatArray:
+        found = np.linalg.norm(rows / weight, axis=1) if rows.shape[1] else np.full(len(rows), np.nan)
+        return np.asarray(self._shaped(found))
+
+    @cached_property
+    def at_limit(self) -> NDArray[np.bool_]:
+        """Which of the freed numbers, in the order of ``free``, take part in a limit that they stand at, shape (..., k); of a
+        limit of the shape those that change what it limits."""
+        numbers = (self._near[:, :, None] & (self._aim.limits.matrix != 0)).any(axis=1)
+        if self._ends.by_shape is not None:
+            numbers |= self._ends.by_shape.numbers
+        return np.asarray(self._shaped(numbers, (-1,)))
+
+    @cached_property
+    def _near(self) -> NDArray[np.bool_]:
+        """Which limits of the freed inputs results stand at, shape (count, c)."""
+        values = self._chosen.values(self._records[:, self._scene.fields["inputs"]])
+        return self._aim.limits.near(values, self._aim.unit) & ~self._failed[:, None]
+
+    @property
+    def held_by(self) -> tuple[str, ...] | NDArray[np.object_]:
+        """Names of the limits that it stands at, as of a controller's command: such as ``"translation[0]"``,
+        ``"translation[1] - translation[0]"`` for a gap, ``"curvature"``; of a batch an array of these, shape (...)."""
+        holds, names = self._near, self._aim.limits.names + self._aim.shape_names
+        if self._ends.by_shape is not None:
+            holds = np.concatenate([holds, self._ends.by_shape.limits], axis=1)
+        found = np.empty(len(holds), dtype=object)
+        for row, own in enumerate(holds):
+            found[row] = tuple(names[j] for j in np.flatnonzero(own))
+        return np.asarray(found.reshape(self.batch_shape)) if self.batch_shape else found[0]
+
+    @cached_property
+    def _remarks(self) -> Remarks | None:  # type: ignore[override]  # found when it is asked for
+        if self.batch_shape or self.target.batch_shape:
+            return None
+        values = np.concatenate([getattr(self.inputs, name) for name in self.free])
+        return self._aim.limits.remarks(values, self.target.position, float(self.target_error))
+
+    @property
+    def _asides(self) -> dict[str, str]:
+        return told(float(self.target_error), float(self.target_angle), list(self.held_by))
+
+    def __getitem__(self, index: Index) -> "Reached[Robot_co]":
+        """The result of some instances: ``index`` as for an array with the leading axes ``batch_shape``."""
+        plain: Any = super().__getitem__(index)
+        numbers: Any = np.arange(len(self._records)).reshape(self.batch_shape)
+        result = object.__new__(Reached)
+        result.__dict__.update(plain.__dict__)
+        result._aim, result._chosen = self._aim, self._chosen
+        result._ends = self._ends.take(numbers[index].reshape(-1))
+        return result
