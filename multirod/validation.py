@@ -207,8 +207,11 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
         refuse(field, value, f"must be numeric, {wanted}")
     if given.dtype.kind not in "fiu" or isinstance(value, (bytearray, memoryview)):
         refuse(field, value, f"must be numeric, {wanted}")
-    with np.errstate(over="ignore"):  # from longer floats
-        result = given.astype(np.float64)
+    if given.dtype == np.float64:
+        result = np.array(given, dtype=np.float64)
+    else:
+        with np.errstate(over="ignore"):  # from longer floats
+            result = given.astype(np.float64)
     if tail and result.shape[-len(tail) :] != tail:
         named = value if result.size < 20 else Described(f"array of shape {result.shape}")
         refuse(field, named, f"must have {wanted}{_shape_meant(field, result.shape, tail)}")

@@ -138,7 +138,7 @@ class Pose:
     @property
     def whole(self) -> bool:
         """Whether all are complete."""
-        return all(bool(np.isfinite(value).all()) for value, _ in self._parts())
+        return all(np.count_nonzero(np.isfinite(value)) == value.size for value, _ in self._parts())
 
     def rows(self, length: float, batch_shape: tuple[int, ...] = (), instances: IntArray | None = None) -> "PoseRows":
         """The rows of some instances of a batch to whose leading axes this broadcasts.
@@ -287,7 +287,7 @@ def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray
 def _vector(field: str, value: object) -> FloatArray:
     """Numbers (..., 3), which may be NaN: of a sensor that dropped out."""
     result = array(field, value, (3,), finite=False)
-    if np.isinf(result).any():
+    if np.count_nonzero(np.isinf(result)):
         refuse(field, value, "must be finite, or NaN where there is no measurement")
     return result
 
