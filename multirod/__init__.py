@@ -75,7 +75,8 @@ if _typing.TYPE_CHECKING:
     from multirod.tasks.estimating.priors import Prior, Walk
     from multirod.tasks.limits import Limits
     from multirod.tasks.measuring.curvature import Curvature
-    from multirod.tasks.reaching.reach import Reached, reach
+    from multirod.tasks.reaching.reach import reach
+    from multirod.tasks.reaching.reached import Reached
     from multirod.tasks.rows import Pose
 
 __version__ = "0.1.0"
@@ -216,7 +217,8 @@ _PUBLIC = {
     "tasks.controlling.command": "Command",
     "tasks.controlling.controller": "Controller",
     "tasks.limits": "Limits",
-    "tasks.reaching.reach": "Reached reach",
+    "tasks.reaching.reach": "reach",
+    "tasks.reaching.reached": "Reached",
     "tasks.rows": "Pose",
     "running.tracker": "Tracker",
     "studies.tradeoffs": "Measured Tradeoff tradeoff tune",

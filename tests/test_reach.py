@@ -119,6 +119,31 @@ def test_a_batch_is_what_its_instances_are_alone(start):
         assert int(batch.integrations[k]) == int(alone.integrations)
 
 
+def test_a_batch_of_no_targets_has_no_results(start):
+    for limits in (LIMITS, mr.Limits(curvature=100.0)):
+        found = mr.reach(TUBES, mr.Pose(position=np.zeros((0, 3))), free=FREE, limits=limits, guess=start, solver=SOLVER)
+        assert found.target_error.shape == found.status.shape == (0,)
+        assert found.inputs.rotation.shape == (0, 3)
+        assert found.at_limit.shape == (0, 6)
+        assert len(found.held_by) == 0
+
+
+def test_some_results_of_a_batch_say_what_they_said_in_it(start):
+    """What is found when it is asked for is found of these alone."""
+    away = start.tip_position + np.array([[(0, 0, 0.2), (0.002, 0, 0)], [(0.001, 0.001, 0), (0, 0, 0.3)]])
+    limits = mr.Limits(translation=(-0.11, -0.012), rotation=(-0.7, 0.7), gap=2e-3)
+    batch = mr.reach(TUBES, mr.Pose(position=away), free=FREE, limits=limits, guess=start, solver=SOLVER)
+    assert (batch.status == mr.Status.AT_LIMIT).sum() == 2
+    part, names = batch[1], batch[1].held_by  # before the whole was asked
+    np.testing.assert_array_equal(part.target_error, batch.target_error[1])
+    np.testing.assert_array_equal(part.at_limit, batch.at_limit[1])
+    assert list(names) == list(batch.held_by[1])
+    np.testing.assert_array_equal(part.inputs.translation, batch.inputs.translation[1])
+    np.testing.assert_array_equal(part[1].at_limit, batch.at_limit[1, 1])
+    assert part[1].at_limit.any()
+    assert part[1].inputs.rotation.shape == (3,)
+
+
 def test_where_a_limit_holds_every_way_that_it_leaves_leads_away(start):
     """The signs of the multipliers: what the limits allow to first order does not come nearer."""
     target = start.tip_position + (0, 0, 0.2)  # farther out than the tubes may come

@@ -15,15 +15,15 @@ from multirod.assembly import Assembly, Robot
 from multirod.batch import broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
-from multirod.results.scene import Scene
+from multirod.results.scene import Scene, stand_in
 from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
-from multirod.tasks.formulation import freed, with_values
+from multirod.tasks.formulation import Task, freed, with_values
 from multirod.tasks.limits import Limits, known_rows, middle, refuse_start
 from multirod.tasks.reaching.drive import expect_search
-from multirod.tasks.reaching.reached import Aim, Chosen, Ends, Reached
+from multirod.tasks.reaching.reached import Aim, Chosen, Ends, Reached, ShapeHolds
 from multirod.tasks.reaching.search import Prefer
 from multirod.tasks.reaching.trying import Work, held_by_shape, search_part
 from multirod.tasks.rows import Pose
@@ -192,13 +192,15 @@ def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thread
             places, weight = search.task.places, search.goals.rows.weight
             found[piece.start] = _Part(records, ended, ends, problem.record_fields, places, weight)
 
-    run(one, pieces, threads)
-    all_ = [found[piece.start] for piece in pieces]
+    if count:
+        run(one, pieces, threads)
+    all_ = [found[piece.start] for piece in pieces] if count else [_none(work)]
     first, of_shape = all_[0], work.of_shape
     aim = Aim(work.target, work.free, work.limits, work.unit, () if of_shape is None else of_shape.shape_names, first.weight)
     chosen = Chosen(work.inputs, work.free, first.places, work.batch_shape)
     scene = Scene(work.robot, work.batch_shape, work.method.integrator, work.device, first.fields, chosen, threads=threads)
-    outcome = Outcome(*(_joined([part.ended[k] for part in all_]) for k in range(3)))
+    status, iterations, integrations = (_joined([part.ended[k] for part in all_]) for k in range(3))
+    outcome = Outcome(status, iterations, integrations)
     ends = Ends.joined([part.ends for part in all_])
     result: Reached[Any] = Reached(scene, _joined([part.records for part in all_]), outcome, aim, ends, chosen)
     result.mind_strain()
@@ -216,6 +218,19 @@ class _Part:
     fields: dict[str, slice]
     places: NDArray[np.intp]
     weight: FloatArray
+
+
+def _none(work: Work) -> _Part:
+    """What comes of no instance."""
+    problem = stand_in(work.robot, work.inputs, integrator=work.method.integrator, device=work.device, **work.options)
+    rows, nobody = work.target.rows(work.robot.longest, work.batch_shape), np.zeros(0, dtype=np.int32)
+    by_shape = None
+    if work.of_shape is not None:
+        numbers, limits = (np.zeros((0, size), dtype=bool) for size in (len(work.unit), len(work.of_shape.shape_names)))
+        by_shape = ShapeHolds(numbers, limits)
+    ends = Ends(np.zeros((0, rows.count)), by_shape)
+    places = Task(problem, work.free).places
+    return _Part(problem.snapshot()[:0], (nobody, nobody, nobody), ends, problem.record_fields, places, rows.weight)
 
 
 def _joined(arrays: list[NDArray[Kind]]) -> NDArray[Kind]:

@@ -18,7 +18,7 @@ from multirod.tasks.formulation import with_values
 from multirod.tasks.limits import LimitRows, told
 from multirod.tasks.rows import Pose
 from multirod.types import Index
-from multirod.validation import FloatArray, frozen
+from multirod.validation import FloatArray
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Chosen:
 
     def __call__(self, rows: FloatArray) -> Inputs:
         """Those of rows (count, input_count)."""
-        return with_values(self.others, self.free, self.values(rows).reshape(*self.batch_shape, -1))
+        return with_values(self.others, self.free, self.values(rows).reshape(*self.batch_shape, len(self.places)))
 
     def values(self, rows: FloatArray) -> FloatArray:
         """What is free of it, shape (count, k)."""
@@ -87,9 +87,7 @@ class Ends:
         held = [own.by_shape for own in ends if own.by_shape is not None]
         by_shape = None
         if held:
-            by_shape = ShapeHolds(
-                np.concatenate([own.numbers for own in held]), np.concatenate([own.limits for own in held])
-            )
+            by_shape = ShapeHolds(np.concatenate([own.numbers for own in held]), np.concatenate([own.limits for own in held]))
         return cls(np.concatenate([own.errors for own in ends]), by_shape)
 
 
@@ -155,7 +153,7 @@ class Reached(Solution[Robot_co]):
         numbers = (self._near[:, :, None] & (self._aim.limits.matrix != 0)).any(axis=1)
         if self._ends.by_shape is not None:
             numbers |= self._ends.by_shape.numbers
-        return np.asarray(self._shaped(numbers, (-1,)))
+        return np.asarray(self._shaped(numbers, (len(self._aim.unit),)))
 
     @cached_property
     def _near(self) -> NDArray[np.bool_]:

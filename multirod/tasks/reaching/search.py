@@ -271,7 +271,7 @@ class Search:
     @property
     def all_reached(self) -> bool:
         """Whether all instances are at their targets."""
-        return np.count_nonzero(self.status == REACHED) == len(self.status)
+        return bool(np.count_nonzero(self.status == REACHED) == len(self.status))
 
     def tried(self, chosen: BoolArray) -> None:
         """Drive the instances chosen from where they begin now, at once or not at all.
