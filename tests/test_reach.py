@@ -9,7 +9,8 @@ import multirod as mr
 from multirod.rotations import matrices, vectors
 from multirod.tasks.formulation import Task, input_units
 from multirod.tasks.limits import limit_rows, middle
-from multirod.tasks.reaching.search import Goals, Search
+from multirod.tasks.reaching.goals import Goals
+from multirod.tasks.reaching.search import Search
 
 SOLVER = mr.Shooting(integrator=mr.RK4(30))
 TUBES, MOTION = three_tubes()

@@ -23,8 +23,8 @@ from multirod.solver import Outcome, Solver
 from multirod.tasks.formulation import Task, freed, with_values
 from multirod.tasks.limits import Limits, known_rows, middle, refuse_start
 from multirod.tasks.reaching.drive import expect_search
+from multirod.tasks.reaching.goals import Prefer
 from multirod.tasks.reaching.reached import Aim, Chosen, Ends, Reached, ShapeHolds
-from multirod.tasks.reaching.search import Prefer
 from multirod.tasks.reaching.trying import Work, held_by_shape, search_part
 from multirod.tasks.rows import Pose
 from multirod.validation import (

@@ -4,7 +4,8 @@ import numpy as np
 
 from multirod.batch import IntArray
 from multirod.status import Status
-from multirod.tasks.reaching.search import REACHED, Place, Search
+from multirod.tasks.reaching.goals import Place
+from multirod.tasks.reaching.search import REACHED, Search
 from multirod.validation import FloatArray
 
 DIFFERENCE = 0.02  # by which margins are differentiated, in units (9)

@@ -1,17 +1,13 @@
 """The way to a target: unknowns and freed inputs step together, many instances at once. Numbers: ``docs/tasks.md``."""
 
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
-from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.stability import Modes, Stability, modes_of
 from multirod.status import Status
 from multirod.tasks.controlling.shape_limits import largest_bending
 from multirod.tasks.formulation import Task
-from multirod.tasks.limits import LimitRows, Limits
+from multirod.tasks.limits import LimitRows
 from multirod.tasks.reaching.drive import DriveArrays
 from multirod.tasks.reaching.drive_kernels import (
     ANGLE_WEIGHT,
@@ -24,8 +20,8 @@ from multirod.tasks.reaching.drive_kernels import (
     SHAPED,
     TOLERANCE,
 )
+from multirod.tasks.reaching.goals import BoolArray, Goals, Place
 from multirod.tasks.reaching.search_kernels import BEGINNING, ENDED, NOT_REACHED
-from multirod.tasks.rows import PoseRows
 from multirod.validation import FloatArray
 
 LEAST_PART = 0.01  # of the way
@@ -36,52 +32,6 @@ SETTLING_FAR = 12  # the same of where a search ended short of its target
 REACHED, AT_LIMIT = int(Status.REACHED), int(Status.AT_LIMIT)
 UNREACHED = np.isin(np.arange(max(Status) + 1), [Status.UNREACHABLE, Status.SINGULAR_TASK, Status.UNSTABLE])
 CAREFUL = 0.125  # part of the way that is gone at once where all of it ended at an equilibrium that is not stable
-
-Prefer = Literal["smallest motion", "smallest tension", "middle", "stability"]
-BoolArray = NDArray[np.bool_]
-
-
-@dataclass
-class Place:
-    """Unknowns and freed inputs; axes (instance, ...)."""
-
-    x: FloatArray
-    p: FloatArray
-
-    def copy(self) -> "Place":
-        """Another, that may change."""
-        return Place(self.x.copy(), self.p.copy())
-
-    def put(self, chosen: IntArray | BoolArray, other: "Place") -> None:
-        """Take some instances of another."""
-        self.x[chosen], self.p[chosen] = other.x[chosen], other.p[chosen]
-
-
-@dataclass
-class Goals:
-    """What a search is for.
-
-    Attributes:
-        rows: Of the target.
-        limits: Of the freed inputs.
-        of_shape: Limits of shapes, if any.
-        unit: (9), shape (k,).
-        length: What makes rows numbers, the longest rod's [m].
-        tolerance: Of the target, in its rows [1/m].
-        residual_tolerance: Of ``eps`` [1/m], shape (b,).
-        centre: Where what the target leaves free is pulled to, shape (k,); None are steps of least size.
-        max_integrations: Allowed, of an instance and start.
-    """
-
-    rows: PoseRows
-    limits: LimitRows
-    of_shape: Limits | None
-    unit: FloatArray
-    length: float
-    tolerance: float
-    residual_tolerance: FloatArray
-    centre: FloatArray | None
-    max_integrations: int
 
 
 def _limiting(limits: LimitRows, unit: FloatArray) -> dict[str, FloatArray]:

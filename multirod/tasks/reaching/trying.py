@@ -17,9 +17,10 @@ from multirod.status import Status, failures
 from multirod.tasks.controlling.shape_limits import INSET
 from multirod.tasks.formulation import Task, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
+from multirod.tasks.reaching.goals import Goals, Place, Prefer
 from multirod.tasks.reaching.reached import ShapeHolds
 from multirod.tasks.reaching.redundancy import steadied
-from multirod.tasks.reaching.search import AT_LIMIT, REACHED, Goals, Place, Prefer, Search
+from multirod.tasks.reaching.search import AT_LIMIT, REACHED, Search
 from multirod.tasks.reaching.sliding import Slid, slid
 from multirod.tasks.rows import Pose
 from multirod.validation import (
