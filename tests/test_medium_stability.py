@@ -9,6 +9,11 @@ from medium_energy import MediumEnergy
 from scipy.optimize import brentq
 
 import multirod as mr
+from multirod.budget import Budget
+from multirod.solvers.continuation import branch_equations
+from multirod.solvers.continuation.branch_equations import InSegments
+from multirod.solvers.segments import equilibria
+from multirod.studies.critical_loads import natural_start
 
 EI, GJ, LENGTH = 0.01, 0.008, 0.2
 STIFFNESS = np.array([2 * EI, EI, GJ])  # a strip: it bends about y
@@ -51,6 +56,58 @@ def test_a_long_column_buckles_at_its_free_end():
     robot = strip(k)
     (first,) = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)))
     assert first.load_factor == pytest.approx(np.sqrt(k * EI), rel=2e-4)
+
+
+def test_many_decay_lengths_are_followed_in_segments():
+    """Where rounding grows by ``exp(18)``: an integration from the base ended there at a load factor of 0."""
+    k = EI * (25 / LENGTH) ** 4
+    robot = strip((k, k, 0.0))
+    begin, end = (robot.inputs(tip_force=(0, 0, -part * np.sqrt(k * EI))) for part in (0.9, 1.0))
+    (first,) = mr.critical_loads(robot, end, start=begin)
+    assert first.load_factor == pytest.approx(1, rel=1e-7)  # exp(-35) is left
+    assert (first.index_before, first.index_after, first.fold) == (0, 1, False)
+    assert not first.solution.failed
+    np.testing.assert_allclose(np.hypot(*first.mode[[1, 3]]), 1)  # it bends about y
+
+
+def test_segments_tell_what_an_integration_from_the_base_does(monkeypatch):
+    """Of a strip that is bent at rest, where it buckles out of its plane."""
+    robot = strip((60.0, 40.0, 20.0), precurvature=(3.0, 0.0, 0.0))
+    inputs = robot.inputs(tip_force=(0, 0.1, -1))
+    options = {"up_to": 6.0}
+    from_base = mr.critical_loads(robot, inputs, **options)
+    monkeypatch.setattr(branch_equations, "AMPLIFIED", 0.0)
+    monkeypatch.setattr(equilibria, "GROWTH", 3.0)  # more segments than one
+    evaluate, sizes = InSegments.evaluate, set()
+    monkeypatch.setattr(InSegments, "evaluate", lambda self, *given: sizes.add(self.size) or evaluate(self, *given))
+    in_segments = mr.critical_loads(robot, inputs, **options)
+    assert min(sizes) > 6
+    assert len(from_base) == len(in_segments) > 0
+    for one, other in zip(from_base, in_segments, strict=True):
+        assert one.load_factor == pytest.approx(other.load_factor, rel=1e-8)
+        assert (one.fold, one.index_before, one.index_after) == (other.fold, other.index_before, other.index_after)
+        np.testing.assert_allclose(one.mode * np.sign(one.mode @ other.mode), other.mode, atol=1e-5)
+        np.testing.assert_allclose(one.solution.tip_position, other.solution.tip_position, atol=1e-8 * LENGTH)
+
+
+def test_derivatives_of_a_branch_in_segments(monkeypatch):
+    """Where no gap is left, against differences; states are turned by some tenths from those where the branch begins."""
+    monkeypatch.setattr(branch_equations, "AMPLIFIED", 0.0)
+    monkeypatch.setattr(equilibria, "GROWTH", 3.0)
+    robot = strip((300.0, 200.0, 100.0), precurvature=(2.0, 4.0, 1.0))
+    solver = mr.Shooting(integrator=mr.RK4(60))
+    inputs = robot.inputs(tip_force=(1.0, 0.5, -2.0))
+    branch, point = natural_start(robot, robot.inputs(), inputs, solver, "cpu", Budget(10_000))
+    for step in branch.steps(point, 50):
+        point = step.after
+        if branch.factor(point) > 1:
+            break
+    place, n = point.place, branch.equations.size
+    assert np.abs(place[6:-1]).max() > 0.1
+    _, matrix = branch._evaluate(place)
+    h = 1e-6 * np.eye(n + 1)
+    differences = [(branch._evaluate(place + e)[0] - branch._evaluate(place - e)[0]) / 2e-6 for e in h]
+    np.testing.assert_allclose(matrix, np.transpose(differences), atol=1e-6 * np.abs(matrix).max())
 
 
 # a bent strip under two loads, and near its equilibria, as mr.equilibria finds them, with their unstable modes
@@ -138,12 +195,15 @@ def test_many_decay_lengths_are_solved_in_segments(lengths):
     def at(**inputs):
         solution = mr.solve(robot, robot.inputs(**{"tip_force": (force, 0, 0)} | inputs))
         # a straight one of 20 lengths rounding leaves to shooting
-        assert solution.status is mr.Status.MULTIPLE_SHOOTING or lengths < 30
+        assert solution.status is mr.Status.MULTIPLE_SHOOTING or lengths < 30 or inputs
         return solution.raise_if_failed()
 
     solution = at()
     assert solution.tip_position[0] == pytest.approx(2 * force * b / k, rel=1e-6)  # the end of a beam without end, to exp(-40)
     assert solution.stability is mr.Stability.STABLE
+    tiny = at(tip_force=(1e-3 * force, 0, 0))  # which calls for no more than one stretch by itself
+    assert tiny.stability is mr.Stability.STABLE
+    assert tiny.stability_margin == pytest.approx(1, abs=1e-6)
     alone = mr.solve(robot, robot.inputs(tip_force=(force, 0, 0)), solver=mr.MultipleShooting())
     np.testing.assert_allclose(alone.tip_position, solution.tip_position, atol=1e-12)
     h = 1e-3 * force

@@ -14,7 +14,8 @@ from multirod.integrators import RK45
 from multirod.profile import Profile
 from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.running.simulation import solve, unknowns_of_guess
-from multirod.solvers.continuation import Branch, BranchLost, Change, Point
+from multirod.solvers.continuation import Branch, BranchLost, Change, Point, equations_of
+from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures
@@ -219,11 +220,11 @@ def _critical(
     robot: Assembly, method: Shooting, begin: Inputs, inputs: Inputs, branch: Branch, change: Change, device: str
 ) -> CriticalLoad:
     factor = branch.factor(change.point)
+    solver = MultipleShooting(tolerance=method.tolerance, integrator=method.integrator) if branch.in_segments else method
     there = solve(
-        robot, _between(robot, begin, inputs, factor), solver=method, guess=branch.unknowns(change.point), device=device
+        robot, _between(robot, begin, inputs, factor), solver=solver, guess=branch.unknowns(change.point), device=device
     )
-    mode = np.linalg.svd(change.point.gamma)[2][-1]
-    return CriticalLoad(factor, change.fold, change.before, change.after, mode, there)
+    return CriticalLoad(factor, change.fold, change.before, change.after, branch.mode(change.point), there)
 
 
 def natural_start(
@@ -259,18 +260,12 @@ def natural_start(
     scale = float(problem.load_scale()[0])
     unit = 1 / (scale or float(np.abs(last - first).max()))
     length = max(float(np.max(rod.length)) for rod in robot.rods)
-    branch = Branch(
-        problem,
-        first,
-        last - first,
-        length=length,
-        unit=unit,
-        tolerance=float(problem.tolerance(method.tolerance)[0]),
-        growth=GROWTH if scale else 0.0,
-    )
     budget.left -= int(outcome.integrations[0])
     problem.budget = budget
+    tolerance = float(problem.tolerance(method.tolerance)[0])
     try:
+        equations = equations_of(problem, first, last - first, unknowns, tolerance=tolerance, integrator=method.integrator)
+        branch = Branch(equations, length=length, unit=unit, tolerance=tolerance, growth=GROWTH if scale else 0.0)
         return branch, branch.first(unknowns)
     except Spent:
         raise SolveError(f"at the start: {Status.INTEGRATION_LIMIT.message}") from None

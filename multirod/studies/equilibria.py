@@ -15,7 +15,7 @@ from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
 from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.running.simulation import solve
-from multirod.solvers.continuation import Branch
+from multirod.solvers.continuation import Branch, FromBase
 from multirod.solvers.shooting import SIDES, Shooting
 from multirod.solvers.starting import MOST_STARTS, SAME_WITHIN, STARTS_IN_A_ROUND, Catalogue, converge, degrees, limits
 from multirod.stability import Stability
@@ -256,9 +256,8 @@ def _search_on(catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Sh
             if followed == FOLLOWED:
                 return
             followed += 1
-            branch = Branch(
-                problem, here, rate, length=length, unit=1.0, tolerance=catalogue.tolerance, growth=0.0, inspected=False
-            )
+            equations = FromBase(problem, here, rate)
+            branch = Branch(equations, length=length, unit=1.0, tolerance=catalogue.tolerance, growth=0.0, inspected=False)
             for point in branch.returns(branch.first(unknowns, way), reach, FOLLOWED_STEPS):
                 catalogue.add(branch.unknowns(point), point.gamma)
                 if not catalogue.missing:

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from multirod.problem import BoundaryProblem
 from multirod.solvers.continuation.acceptance import CONTRACTION
+from multirod.solvers.continuation.branch_equations import BranchEquations, InSegments
 from multirod.solvers.continuation.branch_step import CUTS, LOST, Apart, Change, Inspection, Point, Step, heights
 from multirod.solvers.continuation.crossings import at, crossings, cubic
-from multirod.stability import Modes, modes_of
+from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 ITERATIONS = 8
@@ -28,12 +28,10 @@ class BranchLost(RuntimeError):
 
 
 class Branch:
-    """The equilibria of a problem of one instance whose inputs are ``start + factor * rate``, from an equilibrium on.
+    """The equilibria of one instance along the load factor, from one on.
 
     Args:
-        problem: With one instance and one direction.
-        start: Inputs where the load factor is 0, shape (input_count,).
-        rate: Their change by the load factor, shape (input_count,).
+        equations: Theirs.
         length: By which unknowns are made numbers [m].
         unit: Load factor that matters, by which it is counted.
         tolerance: Largest residual [1/m].
@@ -43,9 +41,7 @@ class Branch:
 
     def __init__(
         self,
-        problem: BoundaryProblem,
-        start: FloatArray,
-        rate: FloatArray,
+        equations: BranchEquations,
         *,
         length: float,
         unit: float,
@@ -53,19 +49,16 @@ class Branch:
         growth: float,
         inspected: bool = True,
     ) -> None:
-        self.problem = problem
-        self.start, self.rate = start, rate
-        self.scale = np.append(np.full(problem.unknown_count, 1 / length), unit)
+        self.equations = equations
+        self.scale = np.append(np.full(equations.size, 1 / length), unit)
         self.length, self.tolerance, self.growth, self.inspected = length, tolerance, growth, inspected
-        problem.directions.assign(rate[None, None, :])
         self._why = ""
         self._cuts = CUTS
 
     def first(self, unknowns: FloatArray, way: float = 1.0) -> Point:
         """The equilibrium at load factor 0, from where the branch goes to higher ones, or to lower ones for a ``way`` of -1."""
-        n = self.problem.unknown_count
-        ahead = np.append(np.zeros(n), way)
-        return self._point(np.append(unknowns, 0.0) / self.scale, ahead)
+        ahead = np.append(np.zeros(self.equations.size), way)
+        return self._point(np.append(self.equations.numbers(unknowns), 0.0) / self.scale, ahead)
 
     def factor(self, point: Point) -> float:
         """Load factor of a point."""
@@ -73,7 +66,20 @@ class Branch:
 
     def unknowns(self, point: Point) -> FloatArray:
         """Unknowns of a point [1/m], shape (n,)."""
-        return np.asarray(point.place[:-1] * self.scale[:-1])
+        return self._unknowns(point.place)
+
+    def _unknowns(self, place: FloatArray) -> FloatArray:
+        return np.asarray(self.equations.unknowns(place[:-1] * self.scale[:-1]))
+
+    @property
+    def in_segments(self) -> bool:
+        """Whether unknowns alone need not lead to the tip."""
+        return isinstance(self.equations, InSegments)
+
+    def mode(self, point: Point) -> FloatArray:
+        """How the unknowns change in the mode that vanishes at a point, unit length, shape (n,)."""
+        mode = self.equations.unknowns(np.linalg.svd(point.gamma)[2][-1])
+        return np.asarray(mode / np.linalg.norm(mode))
 
     def connected(self, first: Point, factor: float) -> list[FloatArray]:
         """Unknowns near equilibria at a load factor, on the branch through ``first`` and on those that cross it on the way.
@@ -89,7 +95,7 @@ class Branch:
                 break
             try:
                 for step in self.steps(open_.pop(0), BRANCH_STEPS):
-                    found += [place[:-1] * self.scale[:-1] for place in self._passed(step, factor)]
+                    found += [self._unknowns(place) for place in self._passed(step, factor)]
                     for change in step.changes:
                         open_ += self._crossing(change)
                     if not -0.1 * factor < self.factor(step.after) < 1.5 * factor:
@@ -116,7 +122,7 @@ class Branch:
     def returns(self, first: Point, reach: float, max_steps: int) -> Iterator[Point]:
         """Equilibria at load factor 0 that the branch through ``first`` comes by, until it is ``reach`` away from there, or
         ends."""
-        at_load = np.append(np.zeros(self.problem.unknown_count), 1.0)
+        at_load = np.append(np.zeros(self.equations.size), 1.0)
         try:
             for step in self.steps(first, max_steps):
                 for place in self._passed(step, 0.0):
@@ -216,13 +222,9 @@ class Branch:
 
     def _evaluate(self, place: FloatArray) -> tuple[FloatArray | None, FloatArray]:
         """Residual [1/m] and its derivative by the place, (n, n + 1)."""
-        problem, values = self.problem, place * self.scale
-        problem.write("inputs", self.start + values[-1] * self.rate)
-        residual, gamma = problem.evaluate(values[None, :-1])
-        if not np.isfinite(residual).all():
-            return None, gamma
-        slope = np.array(problem.residual_directions.numpy())[0]
-        return residual[0], np.concatenate([gamma[0], slope], axis=1) * self.scale
+        values = place * self.scale
+        residual, matrix = self.equations.evaluate(values[:-1], float(values[-1]))
+        return residual, matrix if residual is None else matrix * self.scale
 
     def _point(self, place: FloatArray, ahead: FloatArray) -> Point:
         """The point at an equilibrium, its tangent pointing the way that ``ahead`` does."""
@@ -238,7 +240,5 @@ class Branch:
         return Point(place, tangent, matrix[:, :-1] / self.scale[:-1], modes)
 
     def _modes(self) -> Modes:
-        """Those where it stands, by an integration over nodes."""
-        if self.problem.budget is not None:
-            self.problem.budget.spend(1)
-        return modes_of(self.problem)
+        """Those where it stands."""
+        return self.equations.modes()

@@ -31,6 +31,7 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
+WAVES = 4.0  # radians of waves in a medium, by which a segment amplifies a variation some twentyfold
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
 
 
@@ -367,7 +368,7 @@ class BackboneSegments(Segments):
         length = self.length(everyone)
         potential = force + self.problem.sizes.moment_per_length()[everyone]
         needed = segments_needed(length, self.problem.sizes.least_stiffness[everyone], moment, potential)
-        needed = np.maximum(needed, self.fewest_for_modes)
+        needed = np.maximum(np.maximum(needed, self.fewest_for_modes), self.problem.sizes.waves()[everyone] / WAVES)
         few = needed < MOST_NODES - 1
         if not few.any():
             return cuts, few
