@@ -57,7 +57,7 @@ class BranchEquations(ABC):
 
     @abstractmethod
     def evaluate(self, numbers: FloatArray, factor: float) -> tuple[FloatArray | None, FloatArray]:
-        """Residual [1/m], (size,), None where an integration failed, and its derivative by numbers and factor, (size, size + 1)."""
+        """Residual [1/m], (size,), None where an integration failed; its derivative by numbers and factor, (size, size + 1)."""
 
     @abstractmethod
     def modes(self) -> Modes:
