@@ -10,9 +10,8 @@ from scipy.optimize import brentq
 
 import multirod as mr
 from multirod.budget import Budget
-from multirod.solvers.continuation import branch_equations
-from multirod.solvers.continuation.branch_equations import InSegments
-from multirod.solvers.segments import equilibria
+from multirod.solvers.segments import along, equilibria
+from multirod.solvers.segments.along import InSegments
 from multirod.studies.critical_loads import natural_start
 
 EI, GJ, LENGTH = 0.01, 0.008, 0.2
@@ -76,7 +75,7 @@ def test_segments_tell_what_an_integration_from_the_base_does(monkeypatch):
     inputs = robot.inputs(tip_force=(0, 0.1, -1))
     options = {"up_to": 6.0}
     from_base = mr.critical_loads(robot, inputs, **options)
-    monkeypatch.setattr(branch_equations, "AMPLIFIED", 0.0)
+    monkeypatch.setattr(along, "AMPLIFIED", 0.0)
     monkeypatch.setattr(equilibria, "GROWTH", 3.0)  # more segments than one
     evaluate, sizes = InSegments.evaluate, set()
     monkeypatch.setattr(InSegments, "evaluate", lambda self, *given: sizes.add(self.size) or evaluate(self, *given))
@@ -92,7 +91,7 @@ def test_segments_tell_what_an_integration_from_the_base_does(monkeypatch):
 
 def test_derivatives_of_a_branch_in_segments(monkeypatch):
     """Where no gap is left, against differences; states are turned by some tenths from those where the branch begins."""
-    monkeypatch.setattr(branch_equations, "AMPLIFIED", 0.0)
+    monkeypatch.setattr(along, "AMPLIFIED", 0.0)
     monkeypatch.setattr(equilibria, "GROWTH", 3.0)
     robot = strip((300.0, 200.0, 100.0), precurvature=(2.0, 4.0, 1.0))
     solver = mr.Shooting(integrator=mr.RK4(60))

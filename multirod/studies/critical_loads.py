@@ -14,8 +14,9 @@ from multirod.integrators import RK45
 from multirod.profile import Profile
 from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.running.simulation import solve, unknowns_of_guess
-from multirod.solvers.continuation import Branch, BranchLost, Change, Point, equations_of
+from multirod.solvers.continuation import Branch, BranchLost, Change, Point
 from multirod.solvers.multiple_shooting import MultipleShooting
+from multirod.solvers.segments import equations_of
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures

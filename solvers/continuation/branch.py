@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from multirod.solvers.continuation.acceptance import CONTRACTION
-from multirod.solvers.continuation.branch_equations import BranchEquations, InSegments
+from multirod.solvers.continuation.branch_equations import BranchEquations
 from multirod.solvers.continuation.branch_step import CUTS, LOST, Apart, Change, Inspection, Point, Step, heights
 from multirod.solvers.continuation.crossings import at, crossings, cubic
 from multirod.stability import Modes
@@ -74,7 +74,7 @@ class Branch:
     @property
     def in_segments(self) -> bool:
         """Whether unknowns alone need not lead to the tip."""
-        return isinstance(self.equations, InSegments)
+        return self.equations.in_segments
 
     def mode(self, point: Point) -> FloatArray:
         """How the unknowns change in the mode that vanishes at a point, unit length, shape (n,)."""
