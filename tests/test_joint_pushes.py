@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import rodrigues
 from exact_columns import along_inputs
 from scipy.optimize import brentq
 from test_joint_slides import EXACT, slid
@@ -9,6 +10,7 @@ from test_joint_slides import GIVEN as SLID
 from test_network import GIVEN, mixed
 from test_network_branches import STEEP, hold_forces_against_the_potential
 from test_network_rods import at
+from test_recording import Recording, arrows_of
 
 import multirod as mr
 
@@ -172,3 +174,50 @@ def test_pushes_are_given_by_name_and_what_has_none_is_named(tmp_path):
     dataset = solution.to_xarray()
     assert dataset["input_slide_force"].coords["slide_force"].values.tolist() == list(robot.coordinate_names["slide_force"])
     assert dataset["input_joint_torque"].values.tolist() == [0.03, -0.02]
+
+
+@pytest.mark.parametrize(
+    ("robot", "given", "pushes"), [(slid(), SLID, SLIDING), (mixed(), GIVEN, TURNING)], ids=["slid", "turned"]
+)
+def test_they_are_drawn_where_they_act(robot, given, pushes, tmp_path):
+    """From the end of the rod, about or along axes: those that stay with the body, and the second of a universal joint, that goes
+    with the rod. In recordings, and in plots by name."""
+    loads = {kind: np.concatenate(list(mapping_of(robot, kind, own).values())) for kind, own in pushes.items()}
+    both = robot.inputs(**given, **{kind: np.stack([0.5 * own, own]) for kind, own in loads.items()})
+    history = mr.simulate(robot, both, time=[0.0, 0.1], solver=EXACT)
+    history.raise_if_failed()
+    history.save(tmp_path / "pushed.rrd")
+    recording, joints = Recording(tmp_path / "pushed.rrd"), {f"{j.rod} {j.end}": j for j in robot.joints}
+    solution = mr.solve(robot, robot.inputs(**given, **loads), solver=EXACT)
+    legend = [text.get_text() for text in solution.plot().get_legend().get_texts()]
+    drawn = 0
+    for kind, own in loads.items():
+        scales = set()
+        for name, value in zip(robot.coordinate_names[kind], own.tolist(), strict=True):
+            if not value:
+                continue
+            joint, which = joints[name.removesuffix(" 0").removesuffix(" 1")], int(name.endswith(" 1"))
+            rod, node = history.rod(joint.rod), -1 if joint.end == "tip" else 0
+            turned = np.eye(3) if joint.to is mr.ground else history.body_rotation(joint.to.name)
+            axis = np.broadcast_to(turned @ joint.pose[:3, :3] @ joint.axes[0], (2, 3))
+            if which:  # as seen from the rod, in whose frame it is where the joint is not turned; at its base the rod is turned
+                spin = float(history.inputs.rotation[0, robot.tubes_of(joint.rod)[0]]) if joint.end == "base" else 0.0
+                axis = rod.rotation[:, node] @ rodrigues((0, 0, -spin)) @ joint.axes[1]
+            arrows, origins = arrows_of(recording, f"{kind}/{name}".replace(" ", r"\ "))
+            np.testing.assert_allclose(origins, rod.position[:, node], atol=1e-7)  # single precision, of a metre
+            scale = arrows[-1] @ axis[-1] / value
+            scales.add(round(scale, 6))
+            for sample, part in enumerate((0.5, 1.0)):
+                np.testing.assert_allclose(arrows[sample], scale * part * value * axis[sample], atol=2e-7 * scale)
+            unit = "N" if kind == "slide_force" else "N m"
+            assert f"{kind.replace('_', ' ')} on {name} {abs(value):.3g} {unit}" in legend
+            drawn += 1
+        assert len(scales) == 1
+        assert scales.pop() > 0
+    assert drawn == 5 if "slide_force" in pushes else 6
+
+
+def mapping_of(robot, kind, own):
+    """Numbers of all joints of a kind, by their names, zero where none is given."""
+    names = [name.removesuffix(" 0").removesuffix(" 1") for name in robot.coordinate_names[kind]]
+    return {name: np.atleast_1d(np.zeros(names.count(name)) + own.get(name, 0.0)) for name in names}

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
 
 
+SHORTEST = 1e-300  # that may be divided by
+
+
 def ground_of(problem: "NetworkProblem") -> tuple[FloatArray, FloatArray]:
     """Position [m] and rotation of the ground in the world, shapes (instance_count, 3), (instance_count, 3, 3)."""
     base = np.broadcast_to(problem.graph.base, (*problem.batch_shape, 4, 4)).reshape(-1, 4, 4)
@@ -35,6 +38,20 @@ def pose_unknowns(problem: "NetworkProblem", position: FloatArray, rotation: Flo
     move = np.einsum("bkij,bkj->bki", back, position - reference_position) / L**2
     turn = vectors((back @ rotation).reshape(-1, 3, 3)).reshape(position.shape) / L
     return np.asarray(np.concatenate([move, turn], axis=-1).reshape(problem.instance_count, -1))
+
+
+def pushed_axes(problem: "NetworkProblem") -> tuple[FloatArray, FloatArray]:
+    """(40) Of the coordinates along which torques and forces may act, in their order: where the ends of the rods are [m], and the
+    axes about or along which they act on these, in the world, shapes (instance_count, k, 3)."""
+    graph, state = problem.graph, problem.state()
+    origin, axes = np.zeros((2, problem.instance_count, sum(graph.pushed.values()) + sum(graph.pushed_slides.values()), 3))
+    for end, places in zip(state.ends, graph.pushed_at, strict=True):
+        for rod, which in np.argwhere(places >= 0).tolist():
+            slide = end.joints.slides[rod, :, which]  # one of these is none
+            own = end.joints.axes[:, rod, :, which] + slide / max(float(np.linalg.norm(slide)), SHORTEST)
+            origin[:, places[rod, which]] = end.position[:, rod]
+            axes[:, places[rod, which]] = (end.frame[:, rod] @ own[..., None])[..., 0]
+    return origin, axes
 
 
 def fixed_poses(problem: "NetworkProblem") -> tuple[FloatArray, FloatArray]:

@@ -31,7 +31,7 @@ from multirod.models.network.elements.element_kernels import form
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds, is_on_rods
 from multirod.models.network.graph import DRIVEN, PUSHED, Graph
 from multirod.models.network.places import blocks_of, input_places, place_of_all
-from multirod.models.network.poses import frames_of
+from multirod.models.network.poses import frames_of, pushed_axes
 from multirod.models.network.stability.clamps import NetworkClamps
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.models.network.stability.form_rows import FormRows
@@ -353,6 +353,9 @@ class NetworkProblem(BoundaryProblem):
         then of those that are fixed."""
         frames = frames_of(self)
         return frames.position[:, 1:], frames.rotation[:, 1:]
+
+    def pushed_axes(self) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+        return pushed_axes(self)
 
     # ---- where the search begins ----
 

@@ -17,7 +17,7 @@ from multirod.problem import Shape
 from multirod.recording.bodies import body_through, least_around
 from multirod.recording.columns import circles
 from multirod.recording.figure import DrawnRod, Plate, bases, discs, drawn_lines, drawn_rods, plate_through
-from multirod.recording.loads import place_of
+from multirod.recording.loads import given, place_of, pushes
 from multirod.results.solution import Solution
 from multirod.validation import FloatArray
 
@@ -286,7 +286,8 @@ def _arrows(solution: Solution, shapes: dict[int, Shape]) -> list[Arrow]:
     found: list[Arrow] = []
     point = tip + turn @ (inputs.force_point if "force_point" in inputs.given else np.zeros(3))
     if isinstance(solution.assembly, Network):
-        found += _on_places(solution, solution.assembly) + _on_rods(solution, solution.assembly)
+        robot = solution.assembly
+        found += _on_places(solution, robot) + _on_joints(solution, robot) + _on_rods(solution, robot)
     for spec in solution.assembly.input_specs:
         if spec.count is not None or spec.per_rod or spec.acts not in ("tip", "along") or spec.load is None:
             continue
@@ -332,6 +333,19 @@ def _on_places(solution: Solution, robot: Network) -> list[Arrow]:
                 said = f"{words} on {place} {np.linalg.norm(vector):.3g} {spec.unit}"
                 color = _MOMENT if turns else _FORCE
                 found.append(Arrow(said, color, origin[None], vector[None], f"tip {spec.load}", turns))
+    return found
+
+
+def _on_joints(solution: Solution, robot: Network) -> list[Arrow]:
+    """What acts along coordinates of joints, each by its name."""
+    found = []
+    for load in pushes(robot):
+        value = given(solution.inputs, load).reshape(1)
+        if value.any():
+            origin, axis = (values[load.coordinate] for values in solution._pushed_axes)
+            said = f"{load.name.replace('_', ' ')} on {load.path[-1]} {abs(value[0]):.3g} {load.unit}"
+            color, turns = (_MOMENT, True) if load.kind == "moment" else (_FORCE, False)
+            found.append(Arrow(said, color, origin[None], (value * axis)[None], f"tip {load.kind}", turns))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Forces and moments as arrows: of the end effector, or of the bodies and free tips of a network."""
+"""Forces and moments as arrows: of the end effector, or of the bodies, free tips and joints of a network."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -23,8 +23,9 @@ class DrawnLoad:
         color: ``0xRRGGBB``.
         shade: The colour in words.
         kind: Arrows of a kind have one scale.
-        place: Which of a network's ``load_places`` it acts on.
+        place: Which of a network's ``load_places`` it acts on, or which of the coordinates that the input has.
         follows: Whether it is fixed in the frame of where it acts.
+        coordinate: Of what acts along a coordinate of a joint, which of all coordinates that is; -1 of others.
     """
 
     name: str
@@ -34,6 +35,7 @@ class DrawnLoad:
     kind: Literal["force", "moment"] = "force"
     place: int = 0
     follows: bool = False
+    coordinate: int = -1
 
     @property
     def unit(self) -> str:
@@ -52,12 +54,23 @@ def drawn_loads(assembly: Assembly) -> tuple[DrawnLoad, ...]:
     """All that there may be of an assembly."""
     if not isinstance(assembly, Network):
         return TIP_LOADS
-    return tuple(
+    on_places = [
         DrawnLoad(spec.name, (spec.name, name), *_shade(spec), spec.load, k, spec.follows)
         for spec in assembly.input_specs
         if spec.acts == "tip" and spec.load is not None
         for k, name in enumerate(assembly.load_places)
-    )
+    ]
+    return (*on_places, *pushes(assembly))
+
+
+def pushes(robot: Network) -> list[DrawnLoad]:
+    """What may act along the coordinates of a network's joints, in their order."""
+    pushing = [spec for spec in robot.input_specs if spec.acts == "joints" and spec.load is not None]
+    own = [(spec, k, name) for spec in pushing for k, name in enumerate(robot.coordinate_names[spec.name])]
+    return [
+        DrawnLoad(spec.name, (spec.name, name), *_shade(spec), spec.load or "force", k, coordinate=i)
+        for i, (spec, k, name) in enumerate(own)
+    ]
 
 
 def _shade(spec: InputSpec) -> tuple[int, str]:
@@ -69,7 +82,7 @@ def _shade(spec: InputSpec) -> tuple[int, str]:
 def largest(block: History, kind: str) -> float:
     """The largest of a kind that is drawn [N] or [N m]."""
     loads = [own for own in drawn_loads(block.assembly) if own.kind == kind]
-    return max((float(np.linalg.norm(_given(block.inputs, own), axis=-1).max()) for own in loads), default=0.0)
+    return max((float(np.linalg.norm(given(block.inputs, own), axis=-1).max()) for own in loads), default=0.0)
 
 
 def acting(block: History) -> dict[DrawnLoad, tuple[FloatArray, FloatArray]]:
@@ -80,7 +93,12 @@ def acting(block: History) -> dict[DrawnLoad, tuple[FloatArray, FloatArray]]:
     for own in drawn_loads(block.assembly):
         if own.name not in block.inputs.given:
             continue
-        vector = _vectors(block, _given(block.inputs, own))
+        vector = given(block.inputs, own)
+        if own.coordinate >= 0:
+            origin, axis = (values[..., own.coordinate, :] for values in block._pushed_axes)
+            found[own] = origin.reshape(shape), (vector * axis).reshape(shape)
+            continue
+        vector = _vectors(block, vector)
         if isinstance(block.assembly, Network):
             origin, frame = place_of(block, block.assembly, own.place, nodes=2)
             if own.follows:
@@ -106,12 +124,12 @@ def arrow_ends(block: History, scales: dict[str, float]) -> FloatArray:
     return np.concatenate(found) if found else block.tip_position.reshape(-1, 3)
 
 
-def _given(inputs: Inputs, load: DrawnLoad) -> FloatArray:
-    """A load, zero where it was not given."""
+def given(inputs: Inputs, load: DrawnLoad) -> FloatArray:
+    """A load, zero where it was not given, shape (..., 3); along a coordinate (..., 1)."""
+    size = 3 if load.coordinate < 0 else 1
     if load.name not in inputs.given:
-        return np.zeros(3)
-    value = getattr(inputs, load.name)
-    return np.asarray(value[..., 3 * load.place : 3 * load.place + 3])
+        return np.zeros(size)
+    return np.asarray(getattr(inputs, load.name)[..., size * load.place : size * (load.place + 1)])
 
 
 def _vectors(block: History, value: FloatArray) -> FloatArray:

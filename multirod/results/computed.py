@@ -104,6 +104,13 @@ class Computed(Found[Robot_co]):
         return self._gather(lambda problem: problem.body_poses())  # type: ignore[attr-defined]  # of a network
 
     @cached_property
+    def _pushed_axes(self) -> tuple[FloatArray, FloatArray]:
+        """Of the coordinates of a network's joints that ``joint_torque``, then ``slide_force`` act along: where the ends of rods
+        are [m], and the axes, in the world, shapes (..., k, 3)."""
+        origin, axes = self._gather(lambda problem: problem.pushed_axes())  # type: ignore[attr-defined]
+        return self._masked(origin, origin.shape[1:]), self._masked(axes, axes.shape[1:])
+
+    @cached_property
     def end_force(self) -> FloatArray:
         """What holds the end of the rod pulls it with, in the world [N], shape (..., 3).
 
