@@ -65,6 +65,7 @@ class ControlStep:
         self._task, self._columns = condensed(task)
         self._count = task.count
         kept: dict[str, tuple[tuple[int, ...], Any]] = dict.fromkeys(("offset", "drift", "motion"), ((2,), wp.vec3d))
+        kept |= dict.fromkeys(("since", "gap"), ((2,), wp.int32))
         kept |= dict.fromkeys(("tip_position", "last_position", "last_axis"), ((), wp.vec3d))
         kept |= dict.fromkeys(("tip_rotation", "last_rotation"), ((), wp.mat33d))
         kept |= {"has_tip": ((), wp.int32), "last_kind": ((), wp.vec3i), "begun": ((), wp.float64), "status": ((), wp.int32)}
@@ -142,7 +143,7 @@ class ControlStep:
         """Take shorter steps after a sample that failed: what starts from the same place would fail again; longer ones after
         others, up to those that are usual."""
         if failed or self._careful < LONGEST:
-            self._careful = max(0.5 * self._careful, SHORTEST) if failed else min(2 * self._careful, LONGEST)
+            self._careful = max(0.5 * self._careful, SHORTEST) if failed else min(1.25 * self._careful, LONGEST)
             self._longest.write(min(self._careful, self._by_shape))
 
     def limit_shape(self, matrix: FloatArray, high: FloatArray, longest: float) -> None:

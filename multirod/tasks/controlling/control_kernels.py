@@ -21,8 +21,11 @@ ERROR, SINGULAR, HELD, OFFSET, TARGET, ANGLE, FREE = 0, 1, 2, 3, 6, 9, 10
 
 @wp.func
 def measure(s: Control, t: int):
-    """(15) The offset between robot and model, filtered."""
+    """(15), (15b) The offset between robot and model, filtered."""
     for part in range(2):
+        ago = s.since[t, part]
+        if s.seen[t, part] == 0 and ago > 2 * s.gap[t, part]:
+            s.drift[t, part] = wp.vec3d()
         s.offset[t, part] = s.offset[t, part] + s.drift[t, part]
         if s.seen[t, part] < 0:
             s.drift[t, part] = wp.vec3d()
@@ -33,6 +36,10 @@ def measure(s: Control, t: int):
             surprise = off - s.offset[t, part]
             s.offset[t, part] = s.offset[t, part] + s.gain[0] * surprise
             s.drift[t, part] = s.drift[t, part] + s.gain[1] * surprise
+            s.gap[t, part] = wp.max(wp.min(ago, 2 * s.gap[t, part]), 1)
+            ago = 0
+        if ago > 0 or s.seen[t, part] > 0:
+            s.since[t, part] = ago + 1
 
 
 @wp.func

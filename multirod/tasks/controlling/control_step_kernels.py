@@ -40,6 +40,8 @@ class Control:
     # kept from sample to sample
     offset: wp.array2d[wp.vec3d]  # (15) of position and rotation
     drift: wp.array2d[wp.vec3d]
+    since: wp.array2d[int]  # samples since it was last measured, 0 before
+    gap: wp.array2d[int]  # (15b) samples between two measurements
     tip_position: wp.array[wp.vec3d]  # of the model
     tip_rotation: wp.array[wp.mat33d]
     has_tip: wp.array[int]

@@ -47,7 +47,8 @@ class Controller(Uncopied, Generic[Robot_co]):
 
     Each sample is evaluated where the last one expected the target to be, and corrected to first order to where it is; then the
     target's motion is extrapolated by its last two changes. What is measured is never extrapolated so: it corrects the target by
-    a filtered offset between robot and model. One thread steps a controller at a time.
+    a filtered offset between robot and model, which is held where measurements are overdue. One thread steps a controller at a
+    time.
 
     Args:
         robot: The assembly; without leading axes.
@@ -283,8 +284,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             if self._shape is not None and not Status(status).failed:
                 status = self._in_shape(self._shape, record, told, status)
                 spent = frozen(spent + np.int32(self._shape.integrations))
-            if self._shape is not None:
-                self._step.mind(Status(status).failed)
+            self._step.mind(Status(status).failed)
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
         result.missing = -1 in seen
         result._free, result._told, result._rows, result._limits = self.free, told, self._rows, self._limit_names

@@ -1,0 +1,69 @@
+"""Controllers in loops that do not go as planned: pictures that come late or no more, targets that jump."""
+
+import numpy as np
+import pytest
+from observer_scenes import three_tubes
+
+import multirod as mr
+
+STEPS = mr.RK4(30)
+TUBES, MOTION = three_tubes()
+
+
+@pytest.fixture(scope="module")
+def start():
+    return mr.solve(TUBES, MOTION[10], solver=mr.Shooting(integrator=STEPS)).raise_if_failed()
+
+
+def offsets(start, off, times):
+    """What the loop takes for its robot's offset at each of 120 samples, its tip seen to be ``off`` the model's at ``times``."""
+    loop = mr.Controller(TUBES, dt=0.005, free=("rotation", "translation"), guess=start, correction_time=0.02, integrator=STEPS)
+    found, command = [], start
+    for k in range(120):
+        seen = {"measured_position": command.tip_position + off[k]} if k in times else {}
+        command = loop.step(position=start.tip_position, **seen)
+        assert command.status is mr.Status.TRACKING
+        found.append(command.offset)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_an_offset_that_drifts_is_held_once_pictures_come_no_more(start, every):
+    """It drifted on for ever: the robot went off at what the last noise had for its speed, ``TRACKING``."""
+    rate = 1e-5 * np.array([1.0, -2.0, 0.5])  # m a sample
+    off = rate * np.arange(120)[:, None]
+    times = range(0, 90, every)
+    found, last = offsets(start, off, times), times[-1]
+    # a ramp is followed without a lag, between pictures too: what is left of the start fades by a fifth a sample
+    np.testing.assert_allclose(found[last - 8 : last + 1], off[last - 8 : last + 1], atol=1e-3 * np.abs(off[last]).max())
+    overdue = last + 2 * every
+    np.testing.assert_allclose(found[last : overdue + 1], off[last : overdue + 1], atol=1e-3 * np.abs(off[last]).max())
+    np.testing.assert_array_equal(found[overdue:], np.broadcast_to(found[overdue], found[overdue:].shape))
+
+
+def test_one_picture_after_a_long_time_is_not_gone_on_from_for_as_long(start):
+    off = np.full((120, 3), 1e-3)
+    found = offsets(start, off, [*range(20), 80])
+    # of the one at 80: two samples, as the time without any is no measure of how often they come
+    np.testing.assert_array_equal(found[84:], np.broadcast_to(found[84], found[84:].shape))
+
+
+def test_six_legs_reach_a_target_that_jumps_aside():
+    """One step as long as those of a loop left them unstable, and so did each sample that followed, from the same place."""
+    angles = np.radians([[-15, 15, 105, 135, 225, 255], [-45, 45, 75, 165, 195, 285]])
+    poses = [np.tile(np.eye(4), (6, 1, 1)) for _ in angles]
+    for own, radius, angle in zip(poses, (0.07, 0.05), angles, strict=True):
+        own[:, :2, 3] = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    leg = mr.Rod.wire(length=0.30, diameter=1.5e-3, young_modulus=60e9, poisson_ratio=0.3)
+    robot = mr.ParallelRods(legs=[leg] * 6, base=poses[0], platform=poses[1], platform_mass=0.03)
+    still = mr.solve(robot, robot.inputs(gravity=(0, 0, -9.81)), solver=mr.Shooting(integrator=STEPS))
+    target = still.tip_position + (0.04, 0, 0)
+    limits = mr.Limits(translation=(-0.1, 0.15))
+    loop = mr.Controller(robot, dt=0.01, free="translation", limits=limits, guess=still, integrator=STEPS)
+    commands = [loop.step(position=target) for _ in range(40)]
+    failed = [command.failed for command in commands]
+    assert failed[0]  # else it says nothing of what comes after
+    assert sum(failed) < 10
+    assert commands[-1].status is mr.Status.TRACKING
+    there = mr.solve(robot, commands[-1].inputs, solver=mr.Shooting(integrator=STEPS), guess=commands[-1])
+    np.testing.assert_allclose(there.tip_position, target, atol=1e-6)
