@@ -10,9 +10,10 @@ from multirod.batch import IntArray
 from multirod.kernels.shared import Shared
 from multirod.problem import BoundaryProblem
 from multirod.stability import Stability, modes_of
-from multirod.tasks.watch_kernels import SURE, Watched
+from multirod.tasks.watch_kernels import SURE, UNTOLD, Watched
 from multirod.validation import FloatArray
 
+MOST_OFF = 0.95  # (17b) left side of (17) that growth is told by: beyond, ``Gamma`` may as well have grown
 BALANCING = 6  # passes of scales, after which they stay as they are to some per cent
 
 
@@ -32,7 +33,7 @@ class Watch:
         count, n = problem.instance_count, problem.unknown_count
         self.state: Any = Watched()
         self.state.on = int(problem.stability is not None)
-        sizes = {"anchor": (n, n), "inverse": (n, n), "scale": (n,), "room": (1, n), "path": (3,)}
+        sizes = {"anchor": (n, n), "inverse": (n, n), "scale": (n,), "room": (1, n), "path": (5,)}
         self._shared = {name: Shared((count, *size), wp.float64, problem.device) for name, size in sizes.items()}
         for name, each in self._shared.items():
             setattr(self.state, name, each.array)
@@ -47,15 +48,34 @@ class Watch:
     def near(self, rows: IntArray, gamma: FloatArray) -> NDArray[np.bool_]:
         """(17) Which of some instances cannot have lost a mode at ``gamma`` (k, n, n), shape (k,)."""
         anchor, inverse, scale = (self._shared[name].values[rows] for name in ("anchor", "inverse", "scale"))
+        path = self._shared["path"]
+        path.fetch()
         with np.errstate(invalid="ignore", over="ignore"):
             off = inverse.swapaxes(1, 2) @ (gamma - anchor) * scale[:, None]
-            return np.asarray((off * off).sum(axis=(1, 2)) < SURE**2)
+            path.values[rows, 2] = np.sqrt((off * off).sum(axis=(1, 2)))
+        path.values[rows, 1] = path.values[rows, 0]
+        path.send()
+        return np.asarray(path.values[rows, 2] < SURE)
 
-    def keep(self, rows: IntArray, gamma: FloatArray) -> None:
-        """Some instances are stable at ``gamma`` (k, n, n), as far as can be said; one that is singular is no place to go by."""
-        anchor, inverse, scale, path = (self._shared[name] for name in ("anchor", "inverse", "scale", "path"))
+    def begin(self, rows: IntArray, gamma: FloatArray) -> None:
+        """Some instances stand at a place that is stable, as far as can be said, with ``gamma`` (k, n, n)."""
+        path = self._shared["path"]
         path.fetch()
         path.values[rows] = 0.0
+        path.values[rows, 3] = UNTOLD
+        path.send()
+        self.keep(rows, gamma)
+
+    def keep(self, rows: IntArray, gamma: FloatArray) -> None:
+        """Some instances are stable at ``gamma`` (k, n, n), that of the last comparison, as far as can be said; one that is
+        singular is no place to go by."""
+        anchor, inverse, scale, path = (self._shared[name] for name in ("anchor", "inverse", "scale", "path"))
+        path.fetch()
+        gone, compared, off, growth, _ = path.values[rows].T
+        # (17b): nearer to where it is singular, the same change is more of what is left
+        left = 1 - np.fmin(off, MOST_OFF)
+        path.values[rows] = 0.0
+        path.values[rows, 0], path.values[rows, 3] = np.fmax(gone - compared, 0.0), growth / left
         for row, own in zip(rows.tolist(), gamma, strict=True):
             anchor.values[row], inverse.values[row] = own, np.nan
             if not np.isfinite(own).all():
@@ -74,7 +94,14 @@ class Watch:
         """The next sample, however short its way: something else has changed."""
         path = self._shared["path"]
         path.fetch()
-        path.values[:, 0] = np.inf
+        path.values[:, 1] = -np.inf
+        path.send()
+
+    def back(self) -> None:
+        """The last sample is taken back: the next starts from the command before it."""
+        path = self._shared["path"]
+        path.fetch()
+        path.values[:, 0], path.values[:, 1] = path.values[:, 4], -np.inf
         path.send()
 
     def unstable(self, rows: IntArray) -> NDArray[np.bool_]:

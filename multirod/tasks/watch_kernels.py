@@ -8,6 +8,9 @@ REFERENCE_KEPT = 0.4  # left side of (17), up to which the matrix that samples a
 SURE = 0.8  # up to which no mode was lost; at 1 one may be: the rest is for what a sample's correction adds
 FAR = 0.1  # correction, of unknowns in scales of curvature, of values in units (9), that takes a sample where Gamma is not known;
 # and the way of samples in a row that need not be compared, where (17) grows as it did
+FASTER = 3.0  # (17b) than it did until the last comparison
+UNTOLD = 25.0  # (17b) how fast it grows before anything is known: a step of 0.01 is looked at
+STANDING = 1e-9  # way that says nothing of it
 
 # what has to be done about a sample: nothing; compare the next ones with it; look whether it is stable
 NOTHING, NEXT, LOOK = 0, 1, 2
@@ -22,7 +25,9 @@ class Watched:
     inverse: wp.array3d[wp.float64]  # S^-1 of its inverse, transposed; NaN where none is known
     scale: wp.array2d[wp.float64]  # S, (instance, n)
     room: wp.array3d[wp.float64]  # (instance, 1, n)
-    path: wp.array2d[wp.float64]  # gone since then, in the units of FAR: by now, by the last comparison; what (17) said there
+    # gone since then, in the units of FAR: to the last command, to the last place that was compared; the left side of (17) there;
+    # its growth on the way; to the command before the last
+    path: wp.array2d[wp.float64]
 
 
 OFF = """
@@ -61,21 +66,26 @@ def far_off(
 
 
 @wp.func(inline=False)
-def strayed(w: Watched, gamma: wp.array3d[wp.float64], t: int, gone: f64) -> int:
-    """(17) Whether ``Gamma`` may have been singular on the way from where it is known, ``gone`` farther than the last sample."""
+def strayed(w: Watched, gamma: wp.array3d[wp.float64], t: int, foreseen: f64, gone: f64, always: bool) -> int:
+    """(17), (17b) Whether a mode may be lost on the way to a sample's command. ``Gamma`` is that of a place ``foreseen`` away
+    from the last command; the new one is ``gone`` farther. ``always``: compare it, however short the way."""
     if w.on == 0:
         return wp.static(NOTHING)
     if not wp.isfinite(w.inverse[t, 0, 0]):
         return wp.static(LOOK)
-    w.path[t, 0] = w.path[t, 0] + gone
-    on = w.path[t, 0] - w.path[t, 1]
-    if w.path[t, 1] > f64(0.0) and on < f64(wp.static(FAR)):
-        if w.path[t, 2] * (f64(1.0) + f64(2.0) * on / w.path[t, 1]) < f64(wp.static(REFERENCE_KEPT)):
+    w.path[t, 4] = w.path[t, 0]
+    here = w.path[t, 0] + foreseen
+    w.path[t, 0] = here + gone
+    ahead = w.path[t, 0] - w.path[t, 1]
+    if not always and ahead < f64(wp.static(FAR)):
+        if w.path[t, 2] + f64(wp.static(FASTER)) * w.path[t, 3] * ahead < f64(wp.static(REFERENCE_KEPT)):
             return wp.static(NOTHING)
     far_off(gamma, w.anchor, w.inverse, w.scale, w.room, t, f64(wp.static(SURE * SURE)))
     found = wp.sqrt(w.room[t, 0, 0])
-    w.path[t, 1] = w.path[t, 0]
+    w.path[t, 1] = here
     w.path[t, 2] = found
-    if found < f64(wp.static(REFERENCE_KEPT)):
-        return wp.static(NOTHING)
-    return wp.where(found < f64(wp.static(SURE)), wp.static(NEXT), wp.static(LOOK))
+    if here > f64(wp.static(STANDING)):
+        w.path[t, 3] = found / here
+    if not found + f64(wp.static(FASTER)) * w.path[t, 3] * gone < f64(wp.static(SURE)):
+        return wp.static(LOOK)
+    return wp.where(found < f64(wp.static(REFERENCE_KEPT)), wp.static(NOTHING), wp.static(NEXT))

@@ -132,8 +132,9 @@ class ControlStep:
         names |= {"tip_position": "position", "tip_rotation": "rotation", "has_tip": "tip"}
         for name, before in names.items():
             kept[name].assign(kept[f"before_{before}"])
-        for name in ("last_kind", "motion"):
+        for name in ("last_kind", "motion", "foreseen"):
             kept[name].zero_()
+        self._watch.back()
         values = kept["good_values"].numpy()
         self._whole.write(kept["good_unknowns"].numpy(), values)
         told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
@@ -143,7 +144,7 @@ class ControlStep:
         """Take shorter steps after a sample that failed: what starts from the same place would fail again; longer ones after
         others, up to those that are usual."""
         if failed or self._careful < LONGEST:
-            self._careful = max(0.5 * self._careful, SHORTEST) if failed else min(1.25 * self._careful, LONGEST)
+            self._careful = max(0.5 * self._careful, SHORTEST) if failed else min(1.5 * self._careful, LONGEST)
             self._longest.write(min(self._careful, self._by_shape))
 
     def limit_shape(self, matrix: FloatArray, high: FloatArray, longest: float) -> None:

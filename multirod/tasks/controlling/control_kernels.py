@@ -208,6 +208,7 @@ def fail(s: Control, t: int):
         s.values[t, j] = s.good_values[t, j]
         s.task.inputs[t, s.task.places[j]] = s.values[t, j]
     s.last_kind[t] = wp.vec3i()
+    s.foreseen[t] = f64(0.0)
     s.motion[t, 0] = wp.vec3d()
     s.motion[t, 1] = wp.vec3d()
 
@@ -246,7 +247,7 @@ def make_control():
             if s.told[t, wp.static(HELD)] != f64(0.0):
                 status = wp.static(int(Status.AT_LIMIT))
             gone = place_start(s, t, True)
-            s.doubt[t] = strayed(s.watched, s.task.gamma, t, gone + s.foreseen[t])
+            s.doubt[t] = strayed(s.watched, s.task.gamma, t, s.foreseen[t], gone, False)
             if gone > f64(wp.static(FAR)) and s.watched.on != 0:
                 s.doubt[t] = wp.static(LOOK)
             s.foreseen[t] = f64(0.0)

@@ -131,7 +131,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         gamma = self._watch.gamma()
         if self._watch.unstable(THE_ONE).any():
             refuse(field, Described("an unstable equilibrium"), "must be stable: a robot would leave it")
-        self._watch.keep(THE_ONE, gamma)
+        self._watch.begin(THE_ONE, gamma)
         self._task.write(x, p)
 
     def _refuse_shape(self, limits: Limits, unknowns: FloatArray) -> None:

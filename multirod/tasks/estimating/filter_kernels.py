@@ -259,7 +259,7 @@ def look(s: Filter, t: int) -> int:
     for j in range(s.unit.shape[0]):
         far = wp.max(far, wp.abs(s.sides[t, j, 0]) / s.unit[j])
     # inputs that are not estimated change too: each is compared
-    found = strayed(s.watched, s.task.gamma, t, f64(wp.inf))
+    found = strayed(s.watched, s.task.gamma, t, f64(0.0), far, True)
     return wp.where(far > f64(wp.static(FAR)) and s.watched.on != 0, wp.static(LOOK), found)
 
 

@@ -290,7 +290,7 @@ class _FilterTrack(Track):
         gamma = self.problem.read("gamma")[chosen].reshape(len(chosen), *2 * (part.x.shape[1],))
         known.sign[chosen] = _signs(gamma)
         begun = known.begun[chosen] != 0
-        self._watch.keep(chosen[begun], gamma[begun])
+        self._watch.begin(chosen[begun], gamma[begun])
         outcome.status[chosen], outcome.iterations[chosen] = ended.status, ended.iterations
         outcome.integrations[chosen] = ended.integrations + 1
 
