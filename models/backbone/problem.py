@@ -340,15 +340,18 @@ class BackboneProblem(BoundaryProblem):
 
     def aim(self, *names: str) -> None:
         """As said; what depends on inputs and unknowns is found at each integration."""
-        if not self.derivatives.follow(names):
-            super().aim(*names)
+        self.derivatives.follow(names)
+        super().aim(*names)
 
     def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
         return part_ends(self, names, [(self.arrays, self.input_slice("translation"))])
 
     def _integrate(self) -> None:
         if self.derivatives.followed:
-            super().aim(*self.derivatives.followed)
+            if self._direction_view is None:
+                super().aim(*self.derivatives.followed)
+            else:
+                self.derivatives.refresh(self._direction_view)
         self.launch.launch()
 
     @property

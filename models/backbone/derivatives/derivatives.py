@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.models.backbone.derivatives.along import AlongPass
-from multirod.models.backbone.derivatives.designs import COMPONENTS, DEAD, POSE, Designs, carried, turned_loads
+from multirod.models.backbone.derivatives.designs import COMPONENTS, DEAD, POSE, BehindPlate, Designs, carried, turned_loads
 from multirod.problem import FEW, PosesSensed
 from multirod.validation import FloatArray
 
@@ -24,12 +24,29 @@ class BackboneDerivatives:
         self.problem = problem
         self.followed: tuple[str, ...] = ()  # what directions by inputs and unknowns are by
         self._designs: dict[str, Designs] = {}
+        self._behind: dict[tuple[str, ...], BehindPlate] = {}
 
-    def follow(self, names: Sequence[str]) -> bool:
-        """Whether directions by these depend on inputs and unknowns, so that they are found at each integration."""
+    def follow(self, names: Sequence[str]) -> None:
+        """Be aimed at these: where directions by them depend on inputs and unknowns, they are found at each integration."""
         behind_plate = self.problem.transmission and any(name in COMPONENTS for name in names)
         self.followed = tuple(names) if "base" in names or behind_plate else ()
-        return bool(self.followed)
+
+    def refresh(self, directions: FloatArray) -> None:
+        """What of ``directions`` by ``followed`` depends on inputs and unknowns, in place, at those of the problem."""
+        problem, names = self.problem, self.followed
+        for own in self._columns_of(names, "base"):
+            directions[:, own] = self.directions_by("base")
+        designed = tuple(name for name in names if name in COMPONENTS) if problem.transmission else ()
+        if not designed:
+            return
+        if designed not in self._behind:
+            self._behind[designed] = BehindPlate(problem, [self.designs(name) for name in designed])
+        turns, turned, first = self._behind[designed].turns(), problem.input_slice("rotation"), 0
+        for name in designed:
+            for own in self._columns_of(names, name):
+                last = first + own.stop - own.start
+                directions[:, own, turned] = turns[:, first:last]
+                first = last
 
     def directions_by(self, name: str) -> FloatArray:
         """Directions along each number of a parameter, shape (instance_count, k, directions.shape[2])."""
