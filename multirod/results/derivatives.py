@@ -181,6 +181,27 @@ def places_on(assembly: "Assembly", translation: FloatArray, places: FloatArray,
     return result
 
 
+def along(solution: "Solution[Any]", at: Numbers, of: str, rod: int | str) -> FloatArray:
+    """What ``Solution.along`` says."""
+    choice("of", of, ALONG)
+    index = solution._rod_index(rod)
+    places = places_of(solution, at, index)
+
+    def told(problem: BoundaryProblem) -> tuple[FloatArray]:
+        sensing = problem.sensing(places)
+        sensing.launch()
+        found = sensing.curvature((), index)[0] if of == "curvature" else getattr(sensing.poses((), index), of)
+        found = np.array(found)
+        for k in problem.breakpoints:
+            found[k] = np.nan
+        return (found,)
+
+    tail = (3, 3) if of == "rotation" else (3,)
+    options = solution.assembly.input_directions()
+    found = solution._gather(told, pose_sensitivities=True, **options)[0]
+    return solution._masked(found, (places.size, *tail) if np.ndim(np.asarray(at)) else tail)
+
+
 def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int, ...]) -> FloatArray:
     """(D1) Derivatives by parameters, and by inputs whose terms are compiled in, (..., *tail, k), in one integration."""
     count = sum(solution.assembly.column_count(name) for name in names)

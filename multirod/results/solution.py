@@ -32,6 +32,7 @@ _OTHER_NAMES = {
     **dict.fromkeys(
         ("position", "shape", "shapes", "centreline", "arclength", "curvature"), "rod(0), which has position and more"
     ),
+    **dict.fromkeys(("at", "point", "interpolate"), "along(arclength)"),
     "rotation": "tip_rotation, or rod(0).rotation along a rod",
     **dict.fromkeys(("converged", "success", "ok"), "status, or failed"),
     **dict.fromkeys(("message", "reason"), "status.message"),
@@ -118,6 +119,33 @@ class Solution(Computed[Robot_co]):
 
     def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str | None) -> FloatArray:
         return derivatives.jacobian(self, names, of, at, rod)
+
+    def along(
+        self,
+        at: Numbers,
+        *,
+        of: Literal["position", "rotation", "curvature"] = "position",
+        rod: int | str = 0,
+    ) -> FloatArray:
+        """What a rod is at given arclengths: of what ``jacobian(..., of=, at=, rod=)`` has the derivatives.
+
+        By an integration that ends a step at each place: as exact as the solve, where ``rod(k)`` has nodes and nothing between.
+
+        Args:
+            at: Arclengths from the base [m], one or several, rising, as ``rod(k).arclength``; where a section ends, just before.
+            of: ``"position"`` in the world [m], ``"rotation"`` of the rod's own frame, body to world, or ``"curvature"`` in that
+                frame [1/m].
+            rod: Index or name of the rod.
+
+        Returns:
+            Shape (..., 3), of rotations (..., 3, 3), or with several arclengths (..., count, 3), (..., count, 3, 3). NaN where there
+            is no result, and of what multiple shooting found.
+
+        Raises:
+            ValueError: If ``of`` is none of these, there is no such rod, or ``at`` is not on it.
+            NotImplementedError: If the assembly does not give this.
+        """
+        return derivatives.along(self, at, of, rod)
 
     def vjp(
         self: "Solution[Named[Name]]",  # type: ignore[type-var]

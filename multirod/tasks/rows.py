@@ -170,7 +170,8 @@ class PoseRows:
         axis: Unit vectors (b, 3), or None.
         weight: What rows of the position and of the angles are multiplied by, shape (2,).
         across: Unit vectors (b, 3) across which the position counts, or None.
-        whitening: Lower triangular, what all rows are multiplied by afterwards, shape (m, m), or None.
+        whitening: Lower triangular, what all rows are multiplied by afterwards, shape (m, m), or one for each instance, where
+            what is missing differs, (b, m, m), or None.
         place: Of a marker: its rod, and which of all places it is at. None of the end effector.
     """
 
@@ -206,7 +207,9 @@ class PoseRows:
         """Those of some instances, by an index of the first axis."""
         values = (self.position, self.rotation, self.axis, self.across)
         position, rotation, axis, across = (None if value is None else value[instances] for value in values)
-        return replace(self, position=position, rotation=rotation, axis=axis, across=across)
+        own = self.whitening
+        whitening = own[instances] if own is not None and own.ndim > 2 else own
+        return replace(self, position=position, rotation=rotation, axis=axis, across=across, whitening=whitening)
 
     def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
         """As ``Rows`` say; (4) of a position, (4b) across a direction, (5) of a rotation, (6) of an axis."""
@@ -232,7 +235,7 @@ class PoseRows:
             errors[:, row:] = self.weight[1] * tilt
             maps[:, row:, 3:] = self.weight[1] * change
         if self.whitening is not None:
-            errors, maps = errors @ self.whitening.T, self.whitening @ maps
+            errors, maps = (self.whitening @ errors[..., None])[..., 0], self.whitening @ maps
         return errors, maps
 
 
@@ -311,6 +314,25 @@ def _direction(field: str, value: object) -> FloatArray:
     return np.asarray(result / size)
 
 
+def of_what_is_there(whitening: FloatArray, there: NDArray[np.bool_]) -> FloatArray:
+    """(19) of ``docs/estimation.md``: whitening of the numbers (b, m) that are there alone, zeros in the place of the others, shape
+    (b, m, m); as it is where all are there, or it mixes none."""
+    if there.all() or not np.tril(whitening, -1).any():
+        return whitening
+    root = np.linalg.inv(whitening)
+    patterns, which = np.unique(there, axis=0, return_inverse=True)
+    result = np.zeros((len(patterns), *whitening.shape))
+    for own, known in zip(result, patterns, strict=True):
+        rows = np.flatnonzero(known)
+        own[np.ix_(rows, rows)] = _inverse_root(root[rows] @ root[rows].T)
+    return np.asarray(result[which.reshape(-1)])
+
+
+def _inverse_root(covariance: FloatArray) -> FloatArray:
+    """(17) That of the Cholesky factor; rounding leaves a little above its diagonal, which would mix rows."""
+    return np.tril(np.linalg.inv(np.linalg.cholesky(covariance)))
+
+
 def whitening(kind: Kind, sigma: object, covariance: object) -> FloatArray | None:
     """Rows of a measurement in standard deviations: the lower triangular matrix (m, m) that makes them so; None of a target."""
     if covariance is not None:
@@ -361,4 +383,4 @@ def _root(kind: Kind, sigma: object, covariance: object) -> FloatArray:
         raise ValueError("Pose.covariance must be symmetric and positive definite")
     if kind[0]:
         plausibility.of_pose_sigma(np.sqrt(np.diagonal(result)[:3]))
-    return np.tril(np.linalg.inv(np.linalg.cholesky(result)))  # rounding leaves a little above: it would mix rows, (17)
+    return _inverse_root(result)

@@ -23,7 +23,7 @@ class Filter:
     kind: wp.array[wp.vec3i]  # of each, whether it is a pose with a position, a rotation, an axis; else its rows are ``told``
     marker: wp.array[int]  # of each pose along a rod its number, -1 of others
     row: wp.array[int]  # the first of each
-    whitening: wp.array3d[wp.float64]  # of rows of poses, lower triangular, (sensor, 6, 6)
+    whitening: wp.array4d[wp.float64]  # of rows of poses, lower triangular, (instance, sensor, 6, 6)
     # what they say
     position: wp.array2d[wp.vec3d]  # (instance, sensor)
     rotation: wp.array2d[wp.mat33d]
@@ -103,12 +103,12 @@ def whiten(s: Filter, t: int, i: int):
         row = m - 1 - at  # those before it are not multiplied yet
         total = f64(0.0)
         for l in range(row + 1):
-            total += s.whitening[i, row, l] * s.r[t, first + l]
+            total += s.whitening[t, i, row, l] * s.r[t, first + l]
         s.r[t, first + row] = total
         for j in range(s.J.shape[2]):
             total = f64(0.0)
             for l in range(row + 1):
-                total += s.whitening[i, row, l] * s.J[t, first + l, j]
+                total += s.whitening[t, i, row, l] * s.J[t, first + l, j]
             s.J[t, first + row, j] = total
 
 

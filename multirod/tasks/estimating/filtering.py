@@ -148,7 +148,7 @@ class _FilterTrack(Track):
             known.unknowns, known.begun[:], known.sound = np.zeros((count, n)), 0, False
         state: Any = Filter()
         state.task, self._columns = condensed(self.task)
-        shared = known.state | live.poses | {"known": live.there}
+        shared = known.state | live.poses | {"known": live.there, "whitening": live.whitening}
         apart = not wp.get_device(problem.device).is_cpu
         self._sent, self._fetched = (list(each.values()) if apart else [] for each in (shared, known.state))
         bent = [index for index, rows in enumerate(live.rows) if isinstance(rows, CurvatureRows)]
@@ -163,8 +163,6 @@ class _FilterTrack(Track):
         firsts = [own.start for own in live.slices]
         state.kind = wp.array(np.array(live.kinds, dtype=np.int32), dtype=wp.vec3i, device=problem.device)
         state.row = wp.array(np.array(firsts, dtype=np.int32), dtype=wp.int32, device=problem.device)
-        whitening = np.array([_padded(rows.whitening if isinstance(rows, PoseRows) else None) for rows in live.rows])
-        state.whitening = wp.array(whitening, dtype=wp.float64, device=problem.device)
         state.gated = int(known.most is not None)
         state.most = wp.array(np.zeros(1) if known.most is None else known.most, dtype=wp.float64, device=problem.device)
         self._watch = Watch(problem)
@@ -293,14 +291,6 @@ class _FilterTrack(Track):
         self._watch.begin(chosen[begun], gamma[begun])
         outcome.status[chosen], outcome.iterations[chosen] = ended.status, ended.iterations
         outcome.integrations[chosen] = ended.integrations + 1
-
-
-def _padded(whitening: FloatArray | None) -> FloatArray:
-    """As kernels read it, shape (6, 6)."""
-    result = np.eye(6)
-    if whitening is not None:
-        result[: len(whitening), : len(whitening)] = whitening
-    return result
 
 
 def _signs(gamma: FloatArray) -> FloatArray:

@@ -17,12 +17,13 @@ from multirod.tasks.formulation import Evaluation
 from multirod.tasks.given import plain, turned
 from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.curvature import Curvature, CurvatureRows, curvature_rows, filled
-from multirod.tasks.rows import PARTS, SMALLEST_AXIS, Pose, PoseRows
+from multirod.tasks.rows import PARTS, SMALLEST_AXIS, Pose, PoseRows, of_what_is_there
 from multirod.validation import Described, FloatArray, array, refuse
 
 Sensor = Pose | Curvature
 EYE = np.eye(3)
 TOLD = ("position", "rotation", "axis")  # at each sample; across which direction a position counts stays
+MOST_ROWS = 6  # of a pose
 TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
 # what surely is a measurement of each, of a sensor that did not drop out
 PLAINLY: dict[str, Callable[[Any], bool]] = {
@@ -154,9 +155,8 @@ def _filled(own: PoseRows) -> tuple[PoseRows, NDArray[np.bool_]]:
     if axis is not None:
         axis = np.where(known[-1][:, :1], axis, (0.0, 0.0, 1.0))
     there = np.concatenate(known, axis=1)
-    if own.whitening is not None:  # a row that what is missing goes into is not there
-        there = ~(~there @ (own.whitening != 0).T)
-    return replace(own, position=position, rotation=rotation, axis=axis), there
+    whitening = None if own.whitening is None else of_what_is_there(own.whitening, there)
+    return replace(own, position=position, rotation=rotation, axis=axis, whitening=whitening), there
 
 
 def batch_of(sensors: Sequence[Sensor]) -> tuple[int, ...]:
@@ -181,6 +181,7 @@ class Live(Measured):
         poses: What poses say, by these names, ``position``, ``axis`` and ``across`` (b, sensor_count, 3), ``rotation``
             (b, sensor_count, 3, 3), as kernels read it.
         there: ``known``, as kernels read it.
+        whitening: Of the rows of poses at this sample, as kernels read it, (b, sensor_count, 6, 6).
     """
 
     def __init__(self, sensors: Sequence[Sensor], places: Places, batch_shape: tuple[int, ...], device: str) -> None:
@@ -198,6 +199,12 @@ class Live(Measured):
             self.poses[name].values[:] = rest
         self.there = Shared(self.known.shape, wp.int32, device)
         self.there.values[:] = 1
+        self._whitening = [rows.whitening if isinstance(rows, PoseRows) else None for rows in self.rows]  # where all is there
+        self.whitening = Shared((*shape, MOST_ROWS, MOST_ROWS), wp.float64, device)
+        self.whitening.values[:] = np.eye(MOST_ROWS)
+        for k in range(len(sensors)):
+            self._whiten(k, self._whitening[k])
+        self._thinned: set[int] = set()  # sensors of which numbers are missing, so that they are whitened otherwise
         self._names = [[name for name in TOLD if getattr(sensor, name, None) is not None] for sensor in sensors]
         self.kinds = [sensor.kind if isinstance(sensor, Pose) else (0, 0, 0) for sensor in sensors]
         for k, sensor in enumerate(sensors):
@@ -224,6 +231,9 @@ class Live(Measured):
         if not isinstance(values, (list, tuple)) or len(values) != len(self.sensors):
             refuse("measured", values, f"must be a list of {len(self.sensors)}, what each sensor says, None where it dropped out")
         found = [self._one(k, sensor, value) for k, (sensor, value) in enumerate(zip(self.sensors, values, strict=True))]
+        for k in [k for k in self._thinned if found[k] is None]:
+            self._whiten(k, self._whitening[k])
+            self._thinned.remove(k)
         if all(known is None for known in found):
             if self.missing is not self._whole[0]:
                 self.known[:], self.there.values[:] = True, 1
@@ -270,10 +280,21 @@ class Live(Measured):
                     parts[-1],
                     f"must be a rotation: R R^T is off the identity by {np.nanmax(off):.2g}",
                 )
-        rows, known = _filled(replace(self._posed(k), position=told["position"], rotation=told["rotation"], axis=told["axis"]))
+        own = replace(self._posed(k), whitening=self._whitening[k])
+        rows, known = _filled(replace(own, position=told["position"], rotation=told["rotation"], axis=told["axis"]))
         for name in names:
             self.poses[name].values[:, k] = getattr(rows, name)
+        if rows.whitening is not self._whitening[k]:
+            self._whiten(k, rows.whitening)
+            self._thinned.add(k)
         return None if known.all() else known
+
+    def _whiten(self, k: int, whitening: FloatArray | None) -> None:
+        """Whiten the rows of a sensor so from now on."""
+        if whitening is not None:
+            m = whitening.shape[-1]
+            self.whitening.values[:, k, :m, :m] = whitening
+            self.rows[k] = replace(self._posed(k), whitening=whitening)
 
     def _posed(self, k: int) -> PoseRows:
         rows = self.rows[k]
