@@ -180,22 +180,26 @@ def test_a_camera_sees_depth_worse(wire, seen):
     assert np.abs(blunt.covariance("tip_force") - P).max() > 0.1 * P.max()  # axes matter
 
 
-def test_what_is_missing_takes_along_what_it_is_mixed_with(wire, seen):
-    """Of a full covariance, rows before what is missing are told as if it had never been measured."""
+@pytest.mark.parametrize("missing", [(0,), (1,), (2,), (0, 2)])
+def test_what_is_missing_is_as_if_it_had_never_been_measured(wire, seen, missing):
+    """Of a full covariance; each instance of a batch by itself."""
     robot, position = mr.SingleRod(wire), np.array(seen[2][0, 2])
     root = 1e-3 * np.array([(1, 0, 0), (0.5, 1, 0), (0.2, -0.4, 1)])
-    lost = np.where([False, False, True], np.nan, position)
-    found = mr.estimate(robot, unknown=PRIOR, measured=mr.Pose(position=lost, at=AT[2], covariance=root @ root.T))
-    assert found.degrees == 2
-    assert found.dropped == ("z of sensor 0",)
+    lost = position.copy()
+    lost[list(missing)] = np.nan
+    sensor = mr.Pose(position=[lost, position], at=AT[2], covariance=root @ root.T)
+    found = mr.estimate(robot, unknown=PRIOR, measured=sensor)
+    assert found.degrees.tolist() == [3 - len(missing), 3]
+    assert found.dropped == (" and ".join("xyz"[k] for k in missing) + " of sensor 0",)
     whole = root @ root.T
-    whole[2, 2] = 1e4  # as good as not measured; what it says of the others is nothing then
+    for k in missing:
+        whole[k, k] = 1e4  # as good as not measured; what it says of the others is nothing then
     vague = mr.estimate(robot, unknown=PRIOR, measured=mr.Pose(position=position, at=AT[2], covariance=whole))
-    np.testing.assert_allclose(found.value("tip_force"), vague.value("tip_force"), atol=0.02 * SIGMA)
-    first = mr.estimate(
-        robot, unknown=PRIOR, measured=mr.Pose(position=(np.nan, *position[1:]), at=AT[2], covariance=root @ root.T)
-    )
-    assert first.degrees == 0
+    np.testing.assert_allclose(found.value("tip_force")[0], vague.value("tip_force"), atol=1e-3 * SIGMA)
+    P = vague.covariance("tip_force")
+    np.testing.assert_allclose(found.covariance("tip_force")[0], P, atol=1e-4 * P.max())
+    all_ = mr.estimate(robot, unknown=PRIOR, measured=mr.Pose(position=position, at=AT[2], covariance=root @ root.T))
+    np.testing.assert_allclose(found.value("tip_force")[1], all_.value("tip_force"), atol=1e-3 * SIGMA)
 
 
 def test_rounding_mixes_no_rows(wire, seen):
