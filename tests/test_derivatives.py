@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import multirod as mr
 
@@ -177,6 +178,55 @@ def test_along_the_rod(bent, name):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
+def followed(bent, places):
+    """Position, rotation and curvature of ``bent`` at places, its equations integrated by SciPy from the moment at its base."""
+    force = np.array(LOADS["tip_force"])
+    (first, K1, GJ1, u1), (_, K2, GJ2, u2) = WIRE[0]
+
+    def strain(s, M):
+        return np.array(u1 if s <= first else u2) + M / np.array([*(K1 if s <= first else K2), GJ1 if s <= first else GJ2])
+
+    def rates(s, y):
+        R, M = y[3:12].reshape(3, 3), y[12:]
+        u = strain(s, M)
+        turning = np.array([(0, -u[2], u[1]), (u[2], 0, -u[0]), (-u[1], u[0], 0)])
+        return np.concatenate([R[:, 2], (R @ turning).ravel(), -np.cross(u, M) - np.cross((0, 0, 1), R.T @ force)])
+
+    base = np.array([(np.cos(0.3), -np.sin(0.3), 0), (np.sin(0.3), np.cos(0.3), 0), (0, 0, 1)])
+    y = np.concatenate([np.zeros(3), base.ravel(), bent.rod(nodes=2).moment[0]])
+    found, s = [], 0.0
+    for end in places:  # one of them is where the first section ends
+        y = solve_ivp(rates, (s, end), y, rtol=1e-12, atol=1e-14, method="DOP853", max_step=0.01).y[:, -1]
+        s = np.nextafter(end, 1)
+        found.append((y[:3], y[3:12].reshape(3, 3), strain(end, y[12:])))
+    return [np.array(values) for values in zip(*found, strict=True)]
+
+
+def test_between_nodes_a_rod_is_what_its_equations_say(bent):
+    """(D11), (D12) The places themselves, to 1e-9: the solve's own error is less."""
+    places = np.array([0.0131, 0.0777, 0.25, 0.2513, 0.3999])
+    for of, expected in zip(("position", "rotation", "curvature"), followed(bent, places), strict=True):
+        found = bent.along(places, of=of)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(np.abs(expected).max(), 1.0))
+        np.testing.assert_array_equal(bent.along(0.0777, of=of).shape, expected.shape[1:])
+    np.testing.assert_allclose(bent.along(0.4), bent.tip_position, rtol=0, atol=1e-12)
+
+
+def test_of_a_batch_places_are_those_of_each(bent):
+    """Also of a tube inside others; NaN where there is no result."""
+    robot = mr.ConcentricTubes(sections_of(TUBES))
+    inputs = robot.inputs(**SLID | {"rotation": np.array([SLID["rotation"], (0.3, 0.2, 0)])}, **LOADS)
+    solution = mr.solve(robot, inputs, solver=SOLVER)
+    shape = solution.rod(1, nodes=4)
+    for of in ("position", "rotation", "curvature"):
+        found = solution.along(shape.arclength[0, 1:3], of=of, rod=1)
+        np.testing.assert_allclose(found, getattr(shape, of)[:, 1:3], rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(found[1], solution[1].along(shape.arclength[0, 1:3], of=of, rod=1))
+    lost = mr.solve(bent.assembly, bent.inputs, solver=mr.Shooting(max_integrations=1))
+    assert lost.failed
+    assert np.isnan(lost.along(0.2)).all()
+
+
 def test_along_a_rod_that_is_pushed(bent):
     """(D11) At a place that stays, behind the end of a section that moves; a node of a shape moves with the rod's length."""
     robot, step = bent.assembly, 1e-3
@@ -346,6 +396,11 @@ def test_a_moved_base_carries_the_robot_and_leaves_the_loads(bent, make_pose):
         (lambda s: s.jacobian("rotation", of="curvature", at=0.5), "must be > 0 and <= 0.4 m"),
         (lambda s: s.jacobian("rotation", of="position", at=(0.2, 0.1)), "must be one arclength or several, rising"),
         (lambda s: s.jacobian("rotation", at=0.1), "must not be given of pose"),
+        (lambda s: s.along(0.5), "must be > 0 and <= 0.4 m"),
+        (lambda s: s.along(0.0), "must be > 0 and <= 0.4 m"),
+        (lambda s: s.along((0.2, 0.1)), "must be one arclength or several, rising"),
+        (lambda s: s.along(0.1, of="pose"), "of = 'pose'"),
+        (lambda s: s.along(0.1, rod=1), "rod = 1"),
         (lambda s: s.jacobian("rotation", rod=0), "must not be given of pose"),
         (lambda s: s.vjp((1, 2), wrt="rotation"), "cotangent"),
         (lambda s: s.vjp((1, 2, 3), of="tip", wrt="rotation"), "of = 'tip'"),

@@ -143,3 +143,11 @@ def test_what_is_freed_may_be_in_any_unit(name):
     assert seen.status == mr.Status.CONVERGED
     expected = mr.solve(robot, robot.inputs(**{name: seen.value(name)}, **given), guess=there).tip_position
     np.testing.assert_allclose(expected, there.tip_position, atol=3e-5)  # three deviations
+
+
+def test_inputs_that_hardly_move_the_tip_where_they_begin_are_a_singular_task():
+    """A magnet that a hundred times the field that bends it has turned into that field; from a weaker one it is reached."""
+    robot, axis = magnet(), mr.Pose(axis=(1, 0, 0.3))
+    strong, weak = (mr.solve(robot, robot.inputs(magnetic_field=(field, 0, 0))).raise_if_failed() for field in (0.05, 5e-4))
+    assert mr.reach(robot, axis, free=("magnetic_field",), guess=strong).status is mr.Status.SINGULAR_TASK
+    assert mr.reach(robot, axis, free=("magnetic_field",), guess=weak).status is mr.Status.REACHED

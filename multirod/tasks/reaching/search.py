@@ -16,12 +16,13 @@ from multirod.tasks.reaching.drive_kernels import (
     PART,
     POSITION_WEIGHT,
     PULLED,
+    RADIUS,
     RESUMED,
     SHAPED,
     TOLERANCE,
 )
 from multirod.tasks.reaching.goals import BoolArray, Goals, Place
-from multirod.tasks.reaching.search_kernels import BEGINNING, ENDED, NOT_REACHED
+from multirod.tasks.reaching.search_kernels import BEGINNING, ENDED, MOST_STEPS, NOT_REACHED
 from multirod.validation import FloatArray
 
 LEAST_PART = 0.01  # of the way
@@ -159,7 +160,8 @@ class Search:
         unstable = folded[self.unstable(folded)]
         self.last.x[folded], self.last.p[folded] = last.x, last.p
         values = np.linalg.svd(self.J[rows], compute_uv=False)
-        singular = values[:, -1] <= SINGULAR * values[:, 0]
+        left = np.linalg.norm(self._values["r"][rows], axis=1)
+        singular = (values[:, -1] <= SINGULAR * values[:, 0]) | (left > MOST_STEPS * RADIUS * values[:, 0])
         self.status[rows] = np.where(singular, Status.SINGULAR_TASK, Status.UNREACHABLE)
         self.status[unstable] = Status.UNSTABLE
 
