@@ -138,8 +138,8 @@ class Solution(Computed[Robot_co]):
             rod: Index or name of the rod.
 
         Returns:
-            Shape (..., 3), of rotations (..., 3, 3), or with several arclengths (..., count, 3), (..., count, 3, 3). NaN where there
-            is no result, and of what multiple shooting found.
+            Shape (..., 3), of rotations (..., 3, 3), or with several arclengths (..., count, 3), (..., count, 3, 3). NaN where
+            there is no result, and of what multiple shooting found.
 
         Raises:
             ValueError: If ``of`` is none of these, there is no such rod, or ``at`` is not on it.

@@ -315,8 +315,8 @@ def _direction(field: str, value: object) -> FloatArray:
 
 
 def of_what_is_there(whitening: FloatArray, there: NDArray[np.bool_]) -> FloatArray:
-    """(19) of ``docs/estimation.md``: whitening of the numbers (b, m) that are there alone, zeros in the place of the others, shape
-    (b, m, m); as it is where all are there, or it mixes none."""
+    """(19) of ``docs/estimation.md``: whitening of the numbers (b, m) that are there alone, zeros in the place of the others,
+    shape (b, m, m); as it is where all are there, or it mixes none."""
     if there.all() or not np.tril(whitening, -1).any():
         return whitening
     root = np.linalg.inv(whitening)
