@@ -160,7 +160,7 @@ class Search:
         unstable = folded[self.unstable(folded)]
         self.last.x[folded], self.last.p[folded] = last.x, last.p
         values = np.linalg.svd(self.J[rows], compute_uv=False)
-        left = np.linalg.norm(self._values["r"][rows], axis=1)
+        left = np.minimum(np.linalg.norm(self._values["r"][rows], axis=1), 1 / self.goals.length)  # a length, a radian at most
         singular = (values[:, -1] <= SINGULAR * values[:, 0]) | (left > MOST_STEPS * RADIUS * values[:, 0])
         self.status[rows] = np.where(singular, Status.SINGULAR_TASK, Status.UNREACHABLE)
         self.status[unstable] = Status.UNSTABLE
