@@ -5,6 +5,11 @@ python tests/benchmarks/reach.py [--targets N] [--samples N] [--rounds N] [--qui
 """
 
 import argparse
+import ctypes
+import gc
+import resource
+import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -302,6 +307,57 @@ def bare_loop() -> int:
     return total
 
 
+C_LOOP = "double loop(int n) { double x = 1.0; for (int i = 0; i < n; i++) x = x * 0.999999 + 1e-9; return x; }"
+
+
+def loop_of_c(folder: Path, seconds: float) -> Callable[[], object]:
+    """Arithmetic of C alone, that takes so long at best; nothing without a compiler."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        return lambda: None
+    source, library = folder / "loop.c", folder / "loop.so"
+    source.write_text(C_LOOP)
+    subprocess.run([compiler, "-O2", "-shared", "-fPIC", str(source), "-o", str(library)], check=True)
+    loop = ctypes.CDLL(str(library)).loop
+    loop.restype = ctypes.c_double
+    best, count = np.inf, 10000
+    for _ in range(100):
+        begin = thread_time()
+        loop(count)
+        best = min(best, thread_time() - begin)
+    return lambda: loop(int(count * seconds / best))
+
+
+class Slow:
+    """What happened in samples that took twice the median or more."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[float, int, int, int]] = []  # time; collections, page faults, interruptions by other programs
+        self.collections = 0
+        gc.callbacks.append(self.collected)
+
+    def collected(self, phase: str, _: object) -> None:
+        self.collections += phase == "start"
+
+    def timed(self, call: Callable[[], object]) -> float:
+        """The processor's time of a call."""
+        before, had = resource.getrusage(resource.RUSAGE_THREAD), self.collections
+        begin = thread_time()
+        call()
+        spent = thread_time() - begin
+        after = resource.getrusage(resource.RUSAGE_THREAD)
+        faults, switches = after.ru_minflt - before.ru_minflt, after.ru_nivcsw - before.ru_nivcsw
+        self.seen.append((spent, self.collections - had, faults, switches))
+        return spent
+
+    def said(self) -> str:
+        gc.callbacks.remove(self.collected)
+        seen = np.array(self.seen[FIRST:])
+        slow = seen[seen[:, 0] >= 2 * np.median(seen[:, 0])]
+        counts = (slow[:, 1:] > 0).sum(axis=0).tolist()
+        return f"{len(slow)} of {len(seen)}: {counts[0]} with a collection, {counts[1]} a page fault, {counts[2]} interrupted"
+
+
 def one_reach(robot: Any, start: Any, rounds: int, floor: Callable[[], float] | None) -> None:
     """A single target, warm, by the processor's time."""
     random = np.random.default_rng(7)
@@ -321,7 +377,7 @@ def one_reach(robot: Any, start: Any, rounds: int, floor: Callable[[], float] | 
     row("one reach, warm, steps of 0.5 rad and 30 mm", f"{loops}{1e3 * middle:.2f} ms here", "0.3 ms")
 
 
-def times(rounds: int, floor: Callable[[], float] | None) -> None:
+def times(rounds: int, floor: Callable[[], float] | None, folder: Path) -> None:
     """Interleaved, so that what else the machine does falls on all."""
     robot = tubes()
     start = mr.solve(robot, robot.inputs(**motion(0.0), tip_force=FORCE), solver=SOLVER)
@@ -337,14 +393,16 @@ def times(rounds: int, floor: Callable[[], float] | None) -> None:
         tracker = mr.Tracker(one, solver=SOLVER, inputs=at.inputs, guess=at)
         ours, theirs, bare, jacobian = [], [], [], []
         # of the processor: other programs do not count, but for the caches that they empty, which a bare loop shows
-        spent: dict[str, list[float]] = {"step": [], "integration": [], "loop": [], "least": []}
+        spent: dict[str, list[float]] = {"step": [], "integration": [], "loop": [], "least": [], "C": []}
         problem = loop._task.problem
+        slow, slow_bare, bare_c = Slow(), Slow(), loop_of_c(folder, 6e-5 if one is robot else 2e-4)
         for k in range(rounds):
             target = {"position": path[k % 1000]} | ({"rotation": at.tip_rotation} if one is legs else {})
-            begin, own = perf_counter(), thread_time()
-            command = loop.step(**target)
+            commands: list[Any] = []
+            begin = perf_counter()
+            spent["step"].append(slow.timed(lambda: commands.append(loop.step(**target))))  # noqa: B023
             ours.append(perf_counter() - begin)
-            spent["step"].append(thread_time() - own)
+            command = commands[0]
             same = [spent["step"][-1]]
             for other in loops[1:]:
                 own = thread_time()
@@ -357,6 +415,7 @@ def times(rounds: int, floor: Callable[[], float] | None) -> None:
             own = thread_time()
             bare_loop()
             spent["loop"].append(thread_time() - own)
+            spent["C"].append(slow_bare.timed(bare_c))
             values = {key: getattr(command.inputs, key) for key in free}
             begin = perf_counter()
             command.jacobian(*free)
@@ -371,8 +430,11 @@ def times(rounds: int, floor: Callable[[], float] | None) -> None:
         over = f"{multiple}{middle / np.median(theirs):.2f} Tracker.step, {1e6 * middle:.0f} us here"
         row(f"Controller.step, {name}", over, meant)
         tail = {key: np.quantile(values[FIRST:], 0.999) / np.median(values[FIRST:]) for key, values in spent.items()}
-        alone = f"of an integration alone {tail['integration']:.1f} times, of a bare loop of Python {tail['loop']:.1f} times"
+        alone = (
+            f"of an integration alone {tail['integration']:.1f}, of bare loops of Python {tail['loop']:.1f}, of C {tail['C']:.1f}"
+        )
         row("its 99.9th percentile, of processor time", f"{tail['step']:.1f} times the median, {alone}", "2")
+        row("samples of twice the median and more", f"{slow.said()}; of the loop of C {slow_bare.said()}")
         row(f"the same, of each sample the least of {AGAIN}", f"{tail['least']:.2f} times the median", "2")
         row("its jacobian", f"{np.median(jacobian) / middle:.3f} of the step", "1")
 
@@ -400,7 +462,7 @@ def main() -> None:
         moved_together(robot, start)
         controlled(robot, start, samples)
         one_reach(robot, start, max(rounds // 5, 40), floor)
-        times(rounds, floor)
+        times(rounds, floor, Path(folder))
 
 
 if __name__ == "__main__":
