@@ -137,6 +137,41 @@ def test_forces_of_a_network_are_the_slope_of_its_potential():
     hold_forces_against_the_potential(robot, {"force": {"plate": (0.3, 0.1, -2)}, "gravity": (1.0, 0, -9.81)}, push=0.02)
 
 
+def on_a_hand(turned=(0, 0, 0)):
+    """A strip that stands on a hand, in a medium, and one on the ground hold a body; its foot is turned about x of the foot."""
+    hand = mr.Body("hand", pose=at(0.02, 0.01, (0.1, 0, 0.2)), fixed=True)
+    top, foot = mr.Body("top", mass=0.02), at(-0.1, turn=(0, 0.1, 0)) @ at(turn=turned)
+    joints = [mr.Joint("held", "base", to=hand, pose=foot), mr.Joint("held", "tip", to=top, pose=at(-0.1))]
+    joints += [mr.Joint("other", "base", to=mr.ground, pose=at(0.1))]
+    joints += [mr.Joint("other", "tip", to=top, pose=at(0.1), kind="spherical")]
+    rods = dict.fromkeys(("held", "other"), strip(60.0, precurvature=(0.5, 1.0, 0.3), linear_density=0.05))
+    return mr.Network(rods=rods, bodies=[hand, top], joints=joints), foot
+
+
+ON_A_HAND = {
+    "force": {"top": (0.3, 0.1, -1)},
+    "fixed_position": {"hand": (0.005, 0, 0.002)},
+    "fixed_rotation": {"hand": (0.1, 0.05, 0.2)},
+    "rotation": {"held": 0.3},
+    "gravity": (1.0, 0, -9.81),
+}
+
+
+def test_where_a_hand_turns_the_medium_does_and_weight_does_not(difference):
+    """Columns by where it is, and by the pose of the joint there, against differences."""
+    robot, foot = on_a_hand()
+    inputs = robot.inputs(**ON_A_HAND)
+    check_assembly(robot, inputs, tip_rod=None, vary=("fixed_position", "fixed_rotation", "rotation"), solvers=("shooting",))
+    solver = mr.Shooting(tolerance=1e-11, integrator=mr.RK4(100))
+    found = mr.solve(robot, inputs, solver=solver).raise_if_failed()
+
+    def turned(t):
+        return mr.solve(on_a_hand((t, 0, 0))[0], inputs, solver=solver, guess=found).raise_if_failed().tip_position
+
+    by = found.jacobian("joint_pose")[:3, 3:6] @ foot[:3, 0]
+    np.testing.assert_allclose(by, difference(turned, 1e-2), rtol=0, atol=1e-8)
+
+
 def test_a_base_that_moves_is_refused():
     """The medium would go with it, and push what it moves with."""
     body, embedded = mr.Body("body"), strip(60.0)

@@ -223,6 +223,11 @@ class Graph:
         base = self.ends[0]
         return np.asarray((base.frame != GROUND) | (base.table.count > 0))
 
+    @property
+    def on_fixed(self) -> NDArray[np.bool_]:
+        """Which rods have bases on bodies that are fixed, and that inputs may turn, shape (rod_count,)."""
+        return np.asarray(self.ends[0].stand > len(self.bodies))
+
     @cached_property
     def alone(self) -> BackboneAssembly | None:
         """A rod that is clamped to the ground, its tip free, and the whole network, as a robot of its own; None of others."""

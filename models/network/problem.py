@@ -119,7 +119,8 @@ class NetworkProblem(BoundaryProblem):
         count, shape = self.instance_count, self.batch_shape
         self.layout = graph.layout
         drives = self._slices[ALONG[-1]].stop
-        moving = graph.turning_bases | placed
+        # along directions of inputs what is fixed turns too
+        moving = graph.turning_bases | placed | ((direction_count > 0) & graph.on_fixed)
         together = builds(graph, moving if options["enabled"] else None, width(integrator.precision, device))
         self.groups = [RodGroup(graph, members, shape, moving, direction_count, drives, options, pieces) for members in together]
         self.rounding = self.groups[0].backbones.rounding
