@@ -111,6 +111,10 @@ class Parts(ABC):
         """The problem by which branches of instances of one kind are followed, (k,), with the columns of the pose."""
         return self.finer(instances, poses=True) or self.of(instances, double=True, poses=True)
 
+    def steps_followed(self, instances: IntArray) -> int:
+        """Equal steps from base to tip by which ``followed`` integrates; 0 where step control does, or that is not told."""
+        return 0
+
     @property
     def may_be_clamped(self) -> bool:
         """Whether ``clamped`` is offered."""

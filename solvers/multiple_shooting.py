@@ -111,9 +111,10 @@ class MultipleShooting(Solver):
         outcome.breakpoints |= placed(mine.breakpoints, places)
 
     def go_on(
-        self, problem: BoundaryProblem, outcome: Outcome, ends: Mapping[int, tuple[FloatArray, float]], left: IntArray
+        self, problem: BoundaryProblem, outcome: Outcome, ends: Mapping[int, tuple[FloatArray, float, int]], left: IntArray
     ) -> IntArray:
-        """The same from equilibria at a level of the load, unknowns (n,) and level by instance.
+        """The same from equilibria at a level of the load, by instance: unknowns (n,), level, and the equal steps from base to tip
+        by which it was found, 0 where step control did.
 
         Returns:
             How each ended, (instance_count,), ``NOT_RUN`` where that was not tried; only results are put into the outcome.
@@ -127,9 +128,9 @@ class MultipleShooting(Solver):
             return result
         places = np.array(list(ends))
         part = problem.parts.of(places, double=True)
-        unknowns, level = (np.array(values) for values in zip(*ends.values(), strict=True))
+        unknowns, level, steps = (np.array(values) for values in zip(*ends.values(), strict=True))
         paths = self._paths(part, np.arange(len(places)), np.minimum(left[places], self.max_integrations))
-        mine = self._report(part, paths, paths.follow(unknowns, _load_scale(part), level), natural=True)
+        mine = self._report(part, paths, paths.follow(unknowns, _load_scale(part), level, steps), natural=True)
         found = self._take_over(problem, part, places, mine)
         result[places] = mine.status
         outcome.status[places[found]] = mine.status[found]

@@ -302,7 +302,7 @@ class Shooting(Solver):
         Returns:
             How multiple shooting ended, (instance_count,); ``NOT_RUN`` of the others.
         """
-        starts = {k: (ends[k], float(reached[k])) for k in np.flatnonzero(handed).tolist()}
+        starts = {k: (ends[k], float(reached[k]), 0) for k in np.flatnonzero(handed).tolist()}
         tried = self._segmented().go_on(problem, outcome, starts, self._left(outcome))
         decided = np.isin(tried, (Status.BRANCH_END, Status.MAX_ITERATIONS, Status.INTEGRATION_LIMIT))
         outcome.status[decided] = tried[decided]
@@ -353,7 +353,7 @@ class Shooting(Solver):
             before=before,
         )
         if self.fallback and before is None:
-            ends = {k: (own.lost.unknowns, own.lost.level) for k, own in noisy.items() if own.lost is not None}
+            ends = {k: (own.lost.unknowns, own.lost.level, own.steps) for k, own in noisy.items() if own.lost is not None}
             tried = self._segmented().go_on(problem, outcome, ends, self._left(outcome))
             for k in np.flatnonzero(~failures(tried)).tolist():
                 outcome.status[k], outcome.events[k] = noisy[k].said, tuple(noisy[k].events)

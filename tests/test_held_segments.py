@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp
+from scipy.integrate import simpson, solve_bvp
 from scipy.spatial.transform import Rotation
 
 import multirod as mr
 from multirod.results.segment_system import System
 from multirod.segments import Cuts
 
+EI, LENGTH = 0.02, 0.4
 STIFF = {"bending_stiffness": 1.0, "torsional_stiffness": 0.8, "axial_stiffness": 1e4, "shear_stiffness": 5e3}
 BENT = mr.Rod(
     length=0.4, bending_stiffness=(0.2233, 0.3), torsional_stiffness=0.0638, precurvature=(1.0, 0.3, 0.5), linear_density=0.02
@@ -183,3 +184,40 @@ def test_collocation_agrees():
     assert solution.status == 0
     np.testing.assert_allclose(found.end_force[[0, 2]], solution.p, rtol=1e-6)
     np.testing.assert_allclose(shape.moment[:, 1], solution.sol(shape.arclength)[3], atol=1e-5 * np.abs(shape.moment).max())
+
+
+@pytest.mark.parametrize(("joint", "thrust", "times"), [("clamped", 4 * np.pi**2, 5), ("spherical", 4.493409457909064**2, 12)])
+def test_what_a_thrust_turns_over_is_followed_to_a_hard_pull(joint, thrust, times):
+    """Round rods that buckle, snap to the other side of their base and are pulled there, by 197 and 242 ``EI/L^2``.
+
+    They were `BRANCH_END`, as an integration from the base by other steps led elsewhere from the same unknowns.
+    """
+    axial = 1e4 * EI / LENGTH**2
+    rod = mr.Rod(length=LENGTH, bending_stiffness=EI, torsional_stiffness=0.75 * EI, axial_stiffness=axial)
+    robot = mr.HeldRod(rod, slide=(0, 0, 1), **{"joint": joint} if joint != "clamped" else {})
+    critical = axial / 2 * (1 - np.sqrt(1 - 4 * thrust * EI / LENGTH**2 / axial))  # (26) of docs/held.md, rigid in shear
+    solution = mr.solve(robot, robot.inputs(tip_force=(0, 0, -times * thrust * EI / LENGTH**2)))
+    assert solution.status is mr.Status.SNAPPED
+    assert solution.stability is mr.Stability.STABLE
+    assert solution.integrations < 4000
+    assert [event.status for event in solution.events] == [mr.Status.BIFURCATED, mr.Status.SNAPPED]
+    if joint == "clamped":
+        assert solution.events[0].load_factor == pytest.approx(critical / (times * thrust * EI / LENGTH**2), rel=2e-5)
+    # an equilibrium: balances, what is conserved, and that the frames lead to where the rod is
+    shape = solution.rod(0, nodes=401)
+    n, m = (np.einsum("kij,kj->ki", shape.rotation, own) for own in (shape.force, shape.moment))
+    unit = EI / LENGTH**2
+    np.testing.assert_allclose(n - n[0], 0, atol=1e-6 * unit)
+    assert n[0, 2] == pytest.approx(-times * thrust * unit, rel=1e-9)
+    np.testing.assert_allclose(m - m[0] + np.cross(shape.position - shape.position[0], n[0]), 0, atol=1e-6 * EI / LENGTH)
+    along = shape.force[:, 2]
+    conserved = (shape.moment**2 / [EI, EI, 0.75 * EI]).sum(axis=1) / 2 + along**2 / axial / 2 + along
+    np.testing.assert_allclose(conserved, conserved[0], atol=1e-6 * unit)
+    tangent = shape.rotation[:, :, 2] * (1 + along / axial)[:, None]
+    np.testing.assert_allclose(simpson(tangent, x=shape.arclength, axis=0), shape.position[-1], atol=1e-6 * LENGTH)
+    np.testing.assert_allclose(solution.tip_position[:2], 0, atol=1e-8 * LENGTH)
+    if joint == "clamped":
+        np.testing.assert_allclose(solution.tip_rotation[:, 2], (0, 0, 1), atol=1e-8)
+    else:
+        np.testing.assert_allclose(m[-1, :2], 0, atol=1e-8 * EI / LENGTH)
+    assert solution.tip_position[2] < -0.5 * LENGTH  # it has turned over

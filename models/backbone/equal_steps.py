@@ -64,6 +64,9 @@ class PartsAtEqualSteps(Parts, Generic[P]):
     def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102
         return split(instances, step_counts(self._backbones, self.problem.instance_count)[instances])
 
+    def steps_followed(self, instances: IntArray) -> int:  # noqa: D102
+        return (self._at_equal_steps(instances) or self._integrator).steps or 0
+
     @abstractmethod
     def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> P:
         """Of some instances, by another integrator, with rods in so many pieces."""

@@ -41,6 +41,9 @@ class BackboneParts(Parts):
     def followed(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
         return self._part(instances, self._followed(instances) or self.problem.integrator.in_double(), True)
 
+    def steps_followed(self, instances: IntArray) -> int:  # noqa: D102
+        return (self._followed(instances) or self.problem.integrator).steps or 0
+
     def _followed(self, instances: IntArray) -> Integrator | None:
         """What is straight is not seen by step control, however fine it is, until it has buckled."""
         steps = int(self._steps()[instances].max())

@@ -96,6 +96,7 @@ def follow(
                 NOISY if segmented else np.inf,
                 float(singular[place]),
                 bool(potential[place]),
+                parts.steps_followed(places),
             )
             for k, place in enumerate(places)
         ]

@@ -41,6 +41,7 @@ class Walk:
         noisy: Norm of ``Gamma``, beyond which it may be rounding that ends a branch.
         potential: Whether its loads have one: without, it is damped dynamics that go on, and nothing is known of stability.
         singular: Its least singular value, beyond which no mode vanishes where one ends.
+        steps: Equal steps of its integrations from base to tip; 0 by step control.
     """
 
     start: FloatArray
@@ -58,6 +59,7 @@ class Walk:
     noisy: float = NOISY
     singular: float = np.inf
     potential: bool = True
+    steps: int = 0
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END

@@ -301,11 +301,13 @@ class SegmentedEquilibria:
 
     # ---- breakpoints ----
 
-    def refine(self, place: Place, level: FloatArray, checked: BoolArray | None = None) -> tuple[Place, BoolArray]:
+    def refine(
+        self, place: Place, level: FloatArray, checked: BoolArray | None = None, *, steps_kept: bool = False
+    ) -> tuple[Place, BoolArray]:
         """Shorten the steps until they are short enough, then halve segments that amplify too much, until none does.
 
-        The steps of instances that are ``checked``, (count,), are left while their segments are. Returns the new place, and which
-        instances have changed.
+        The steps of instances that are ``checked``, (count,), are left while their segments are, and with ``steps_kept`` then too.
+        Returns the new place, and which instances have changed.
         """
         count = len(place.cuts.instances)
         checked = np.zeros(count, dtype=bool) if checked is None else checked
@@ -334,7 +336,7 @@ class SegmentedEquilibria:
                 cuts = cuts.halved(long, half, led.end)
             on[np.flatnonzero(on)[~goes_on]] = False
             changed |= on
-            checked = checked & ~on
+            checked = checked & (steps_kept | ~on)
             place = place.put(on, self.evaluate(cuts.chosen(goes_on), level[on]))
 
     def settle(self, cuts: Cuts, level: FloatArray) -> tuple[Place, BoolArray]:
@@ -378,6 +380,22 @@ class SegmentedEquilibria:
             missed = np.linalg.norm(fine.transition - found.transition, axis=(1, 2))
         most = integrator.atol / scale + integrator.rtol * size
         return np.asarray((gap > most[cuts.owner]) | (missed > COLUMN_ERROR * norm))
+
+    def begin(self, unknowns: FloatArray, level: FloatArray, steps: IntArray | None = None) -> Place:
+        """Segments on which the rod is as an integration from the base has it, of all instances at levels of the load, (count,).
+
+        By so many equal ``steps``, (count,), where these are given and not 0: what they err by grows along the rod as all else
+        does, so that other steps would lead elsewhere from the same unknowns (count, n).
+        """
+        cuts = self.start(unknowns)
+        given = np.zeros(len(cuts.steps), dtype=bool) if steps is None else steps > 0
+        if steps is not None:
+            cuts = replace(cuts, steps=np.where(given, steps, cuts.steps).astype(np.int32))
+        place = self.evaluate(cuts, level)
+        if given.any():
+            kept, _ = self.refine(place.chosen(given), level[given], np.ones(int(given.sum()), dtype=bool), steps_kept=True)
+            place = place.put(given, kept)
+        return self.refine(place, level)[0]
 
     def start(self, unknowns: FloatArray) -> Cuts:
         """One segment from the base to the tip, of all instances."""

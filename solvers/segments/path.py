@@ -55,15 +55,17 @@ class SegmentedPaths(SegmentedEquilibria):
 
     # ---- from the unloaded rod, from a guess, or from an equilibrium ----
 
-    def follow(self, unknowns: FloatArray, scale: FloatArray, level: FloatArray | None = None) -> Results:
+    def follow(
+        self, unknowns: FloatArray, scale: FloatArray, level: FloatArray | None = None, steps: IntArray | None = None
+    ) -> Results:
         """From equilibria without loads, or at levels of them, to the full loads, whose sizes against the stiffness ``scale`` is.
 
-        All of the first axis count.
+        All of the first axis count; ``steps`` are those by which they were found, as ``begin`` has them.
         """
         count = len(self.instances)
         level = np.zeros(count) if level is None else np.array(level)
         safe = SAFE_LOAD / scale
-        place, _ = self.refine(self.evaluate(self.start(unknowns), level), level)
+        place = self.begin(unknowns, level, steps)
         results = Results(np.full(count, int(Status.NOT_RUN)), place, np.full(count, np.nan), level)
         on = self._end(results, self._fault == 0, Status.STALLED)
         if on.any():
