@@ -113,8 +113,8 @@ class MultipleShooting(Solver):
     def go_on(
         self, problem: BoundaryProblem, outcome: Outcome, ends: Mapping[int, tuple[FloatArray, float, int]], left: IntArray
     ) -> IntArray:
-        """The same from equilibria at a level of the load, by instance: unknowns (n,), level, and the equal steps from base to tip
-        by which it was found, 0 where step control did.
+        """The same from equilibria at a level of the load, by instance: unknowns (n,), level, and the equal steps from base to
+        tip by which it was found, 0 where step control did.
 
         Returns:
             How each ended, (instance_count,), ``NOT_RUN`` where that was not tried; only results are put into the outcome.

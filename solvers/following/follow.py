@@ -161,9 +161,7 @@ class _Together:
         if clamped := {k: own for k, own in asked.items() if isinstance(own, At | Clamp)}:
             return self._integrate_clamped(clamped)
         if damped := {k: own for k, own in asked.items() if isinstance(own, Settle)}:
-            rested = self._settle(damped)
-            self._steps[list(rested)] += self._each[list(rested)]
-            return rested
+            return self._settle(damped)
         judged = {k: own for k, own in asked.items() if isinstance(own, Judge)}
         self._steps[list(judged)] += self._each[list(judged)]
         return self._judge(judged)
@@ -264,8 +262,10 @@ class _Together:
         method = EnergyDescent(integrator=RK45(), feed_forward=False)
         if method.unsupported(part):
             return dict.fromkeys(asked, (None, 0))
-        most = max(request.most for request in asked.values())
-        asked = {k: request for k, request in asked.items() if request.most == most}  # the others come next
+        left = (self._most_steps - self._steps) // np.maximum(self._each, 1) + 1
+        share = {k: min(request.most, int(left[k])) for k, request in asked.items()}
+        most = max(share.values())
+        asked = {k: request for k, request in asked.items() if share[k] == most}  # the others come next
         chosen, guess, level = np.zeros(count, dtype=bool), part.read("unknowns"), np.ones(count)
         for k, request in asked.items():
             chosen[k], guess[k], level[k] = True, request.unknowns, request.level
@@ -280,6 +280,8 @@ class _Together:
                 chosen=chosen,
             )
         found, rest = part.read("unknowns"), ~failures(outcome.status)
+        self._each = np.maximum(self._each, part.step_count.numpy())
+        self._steps[list(asked)] += self._each[list(asked)] * outcome.integrations[list(asked)]
         return {k: (found[k] if rest[k] else None, int(outcome.integrations[k])) for k in asked}
 
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:

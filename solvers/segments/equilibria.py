@@ -306,8 +306,8 @@ class SegmentedEquilibria:
     ) -> tuple[Place, BoolArray]:
         """Shorten the steps until they are short enough, then halve segments that amplify too much, until none does.
 
-        The steps of instances that are ``checked``, (count,), are left while their segments are, and with ``steps_kept`` then too.
-        Returns the new place, and which instances have changed.
+        The steps of instances that are ``checked``, (count,), are left while their segments are, and with ``steps_kept`` after
+        that too. Returns the new place, and which instances have changed.
         """
         count = len(place.cuts.instances)
         checked = np.zeros(count, dtype=bool) if checked is None else checked
