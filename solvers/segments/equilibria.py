@@ -381,35 +381,6 @@ class SegmentedEquilibria:
         most = integrator.atol / scale + integrator.rtol * size
         return np.asarray((gap > most[cuts.owner]) | (missed > COLUMN_ERROR * norm))
 
-    def begin(self, unknowns: FloatArray, level: FloatArray, steps: IntArray | None = None) -> Place:
-        """Segments on which the rod is as an integration from the base has it, of all instances at levels of the load, (count,).
-
-        By so many equal ``steps``, (count,), where these are given and not 0: what they err by grows along the rod as all else
-        does, so that other steps would lead elsewhere from the same unknowns (count, n).
-        """
-        cuts = self.start(unknowns)
-        given = np.zeros(len(cuts.steps), dtype=bool) if steps is None else steps > 0
-        if steps is not None:
-            cuts = replace(cuts, steps=np.where(given, steps, cuts.steps).astype(np.int32))
-        place = self.evaluate(cuts, level)
-        if given.any():
-            kept, _ = self.refine(place.chosen(given), level[given], np.ones(int(given.sum()), dtype=bool), steps_kept=True)
-            place = place.put(given, kept)
-        return self.refine(place, level)[0]
-
-    def start(self, unknowns: FloatArray) -> Cuts:
-        """One segment from the base to the tip, of all instances."""
-        count = len(self.instances)
-        return Cuts(
-            self.instances,
-            np.arange(count + 1),
-            np.zeros(count),
-            self.segments.length(self.instances),
-            self.segments.base_state(self.instances, unknowns),
-            np.array(unknowns),
-            np.full(count, self.integrator.steps or FEWEST_STEPS, dtype=np.int32),
-        )
-
 
 def among(some: BoolArray, good: BoolArray) -> BoolArray:
     """Which of all are ``good``, (k,), among the k that ``some``, (count,), are."""

@@ -3,7 +3,7 @@
 Numbers in parentheses are those of ``docs/solvers.md``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from multirod.batch import IntArray
 from multirod.segments import Cuts
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE
 from multirod.solvers.segments.band import Step, Systems
-from multirod.solvers.segments.equilibria import COUNTED_AS_ONE, Place, SegmentedEquilibria, among
+from multirod.solvers.segments.equilibria import COUNTED_AS_ONE, FEWEST_STEPS, Place, SegmentedEquilibria, among
 from multirod.status import BoolArray, Fault, Status
 from multirod.validation import FloatArray
 
@@ -77,6 +77,35 @@ class SegmentedPaths(SegmentedEquilibria):
         results.status[left & (level < 1.0)] = Status.MAX_ITERATIONS
         self._finish(results, left & (level >= 1.0))
         return results
+
+    def begin(self, unknowns: FloatArray, level: FloatArray, steps: IntArray | None = None) -> Place:
+        """Segments on which the rod is as an integration from the base has it, of all instances at levels of the load, (count,).
+
+        By so many equal ``steps``, (count,), where these are given and not 0: what they err by grows along the rod as all else
+        does, so that other steps would lead elsewhere from the same unknowns (count, n).
+        """
+        cuts = self.start(unknowns)
+        given = np.zeros(len(cuts.steps), dtype=bool) if steps is None else steps > 0
+        if steps is not None:
+            cuts = replace(cuts, steps=np.where(given, steps, cuts.steps).astype(np.int32))
+        place = self.evaluate(cuts, level)
+        if given.any():
+            kept, _ = self.refine(place.chosen(given), level[given], np.ones(int(given.sum()), dtype=bool), steps_kept=True)
+            place = place.put(given, kept)
+        return self.refine(place, level)[0]
+
+    def start(self, unknowns: FloatArray) -> Cuts:
+        """One segment from the base to the tip, of all instances."""
+        count = len(self.instances)
+        return Cuts(
+            self.instances,
+            np.arange(count + 1),
+            np.zeros(count),
+            self.segments.length(self.instances),
+            self.segments.base_state(self.instances, unknowns),
+            np.array(unknowns),
+            np.full(count, self.integrator.steps or FEWEST_STEPS, dtype=np.int32),
+        )
 
     def _end(self, results: Results, good: BoolArray, otherwise: Status) -> BoolArray:
         """End those that are not ``good``, (count,); which are on their way."""
@@ -191,7 +220,7 @@ class SegmentedPaths(SegmentedEquilibria):
     def solve_from(self, unknowns: FloatArray) -> Results:
         """Damped Newton at the full load, from the states that integration from the base leads to; ``unknowns`` (count, n)."""
         full = np.ones(len(self.instances))
-        first, _ = self.refine(self.evaluate(self.start(unknowns), full), full)
+        first = self.begin(unknowns, full)
         return self._descended(first)
 
     def settled(self, cuts: Cuts) -> Results:
