@@ -66,14 +66,14 @@ def test_force_from_markers_is_as_good_as_can_be(wire, seen):
 
 
 def test_a_marker_that_drops_out_is_gone_without_in_a_loop_too(wire, seen):
-    """One integration a sample; each marker is a sensor by itself."""
+    """One integration a sample, but for the second, before which nothing says how ``Gamma`` grows; each marker is a sensor."""
     force, exact, _ = seen
     robot, given = mr.SingleRod(wire), markers(exact[0])
     meter = mr.Estimator(robot, dt=1e-3, unknown={"tip_force": mr.Walk(0.1)}, sensors=given, gate=0.999, integrator=mr.RK4(50))
     for k in range(10):
         off = (0.02, 0, 0) if k == 9 else (0, 0, 0)  # another point was taken for the marker
         sample = meter.step([exact[0, 0], exact[0, 1] if k % 3 else None, exact[0, 2] + off])
-        assert k == 0 or sample.integrations == 1
+        assert k < 2 or sample.integrations == 1
     np.testing.assert_array_equal(sample.missing, [False, True, False])
     np.testing.assert_array_equal(sample.rejected, [False, False, True])
     assert (np.abs(sample.value("tip_force") - force[0]) < 3 * sample.sigma("tip_force")).all()
