@@ -75,18 +75,20 @@ SOLVERS = {
     "observer": mr.Observer(integrator=RK4),
     "observer per rod": mr.Observer(coupling="per-rod", integrator=RK4),
     "energy descent": mr.EnergyDescent(integrator=RK4),
+    "slow energy descent": mr.EnergyDescent(integrator=RK4, ramp=1000, max_iterations=2000),
 }
 
 
-CASES = [(network, name) for network in (of_joints, of_tubes_and_lines, of_a_hole) for name in SOLVERS]
+CASES = [(network, name) for network in (of_joints, of_tubes_and_lines, of_a_hole) for name in list(SOLVERS)[:3]]
 
 
 def of_one_disc():
-    """Four rods side by side: what their ends give way by at 0.99 of the load is more than they do."""
+    """Four rods side by side: what their ends give way by at 0.99 of the load is more than they do. In a hundred samples energy
+    descent would take steps as long as near a fold."""
     return of_discs(1)
 
 
-DISCS = [(of_one_disc, "observer"), (of_discs, "observer"), (of_discs, "energy descent")]
+DISCS = [(of_one_disc, "observer"), (of_one_disc, "slow energy descent"), (of_discs, "observer"), (of_discs, "energy descent")]
 
 
 @pytest.mark.parametrize(("network", "name"), [*CASES, *DISCS])
