@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from functools import wraps
 from inspect import signature
@@ -175,6 +175,23 @@ def device_name(field: str, value: object) -> str:
     if isinstance(value, str) and (value in names or (value == "cuda" and wp.is_cuda_available())):
         return value
     refuse(field, value, "must be one of Warp's devices here, " + ", ".join(map(repr, names)))
+
+
+def by_name(field: str, value: object, names: Sequence[str | None]) -> object:
+    """The index of what has this name, and no other; what is no name of any as it is."""
+    if not isinstance(value, str) or value not in names:
+        return value
+    own = [k for k, name in enumerate(names) if name == value]
+    if len(own) > 1:
+        refuse(field, value, f"must be one of the indices {own}: all of these have that name")
+    return own[0]
+
+
+def some_names(field: str, value: object) -> tuple[str, ...]:
+    """A name, or several, as a tuple; refused by a ``TypeError``."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        value = (value,)
+    return sequence(field, tuple(value), str, "names, such as ('rotation', 'tip_force')")
 
 
 def choice(field: str, value: object, allowed: Iterable[str]) -> str:

@@ -231,6 +231,8 @@ def test_without_inputs_it_begins_as_near_to_the_default_as_limits_allow():
         ),
         ({"limits": mr.Limits(translation=(-0.01, 0))}, ValueError, "Controller.limits .* at the start too"),
         ({"correction_time": -1.0}, ValueError, "Controller.correction_time = -1.0"),
+        ({"guess": "straight"}, TypeError, "Controller.guess = 'straight' is not allowed: must be a Solution, not str"),
+        ({"integrator": 50}, TypeError, r"Controller.integrator = 50 is not allowed: must be an Integrator, such as RK4\(50\)"),
     ],
 )
 def test_what_a_controller_refuses(start, changes, error, message):
@@ -244,11 +246,13 @@ def test_what_a_controller_refuses(start, changes, error, message):
     [
         ({}, ValueError, "needs a position"),
         ({"postion": (0, 0, 0.3)}, TypeError, "takes no 'postion'.* did you mean 'position'"),
-        ({"position": (0, 0, np.nan)}, ValueError, "must be finite"),
+        ({"position": (0, 0, np.nan)}, ValueError, r"Controller.step\(position\) = \(0, 0, nan\) .* must be finite"),
         ({"position": (0, 0, 0.3), "rotation": np.ones((3, 3))}, ValueError, "must be a rotation"),
         ({"position": (0, 0, 0.3), "translation": (0, 0, 0)}, TypeError, "takes no 'translation': it is free"),
         ({"position": (0, 0, 0.3), "tip_moment": (0, 0, 0.1)}, ValueError, "must be given, not zero, at the start"),
         ({"position": (0, 0, 0.3), "measured_position": (0, 0)}, ValueError, "shape"),
+        ({"position": (0, 0, 0.3), "measured_position": np.zeros((2, 3))}, ValueError, r"measured_position\) .* of one robot"),
+        ({"position": np.full((2, 3), 0.1)}, ValueError, r"Controller.step\(position\) = .* without leading axes"),
     ],
 )
 def test_samples_that_are_refused(start, sample, error, message):

@@ -57,7 +57,7 @@ def multibackbone(
             raise TypeError(f"multibackbone.{name} = {rod!r} is not allowed: must be a Rod, not {type(rod).__name__}")
         if k and not np.allclose(rod.length, backbone.length, rtol=1e-9, atol=0):
             refuse(f"multibackbone.rods[{k - 1}]", rod, f"must be as long as the backbone, {float(np.min(backbone.length)):g} m")
-    if not rods:
+    if not len(rods):
         refuse("multibackbone.rods", rods, "give one at least")
     if not uniform(backbone) or backbone.carried:
         refuse("multibackbone.backbone", backbone, "must be the same all along, of one section, without members or lines")

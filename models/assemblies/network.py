@@ -136,7 +136,7 @@ class Network(Assembly):
             given, frame = given
             names = [body.name for body in self.graph.bodies]
             name = given.name if isinstance(given, Body) else given
-            if name not in names:
+            if not isinstance(name, str) or name not in names:
                 refuse("Network.end_effector", given, f"must be a body that moves, of which a frame is meant: {names}")
             self.graph.bodies[names.index(name)].frame(frame)
             self._frame = frame
@@ -144,7 +144,7 @@ class Network(Assembly):
             bodies = len(self.graph.bodies)
             return bodies - 1 if bodies else self._places.index((*self.load_places, *self._places)[0])
         name = given.name if isinstance(given, Body) else given
-        if isinstance(given, Body) and given not in self.bodies or name not in self._places:
+        if not isinstance(name, str) or isinstance(given, Body) and given not in self.bodies or name not in self._places:
             refuse("Network.end_effector", given, f"must be a body that moves, or a rod: {', '.join(map(repr, self._places))}")
         return self._places.index(str(name))
 

@@ -32,7 +32,7 @@ def plot_solution(
     loads: bool = True,
 ) -> AxesOrArray:
     """See ``Solution.plot``."""
-    if quantity in over_time.QUANTITIES and quantity not in OF_SOLUTIONS:
+    if isinstance(quantity, str) and quantity in over_time.QUANTITIES and quantity not in OF_SOLUTIONS:
         refuse("quantity", quantity, f"must be one of {', '.join(map(repr, OF_SOLUTIONS))}: that is of a motion, over its time")
     choice("quantity", quantity, OF_SOLUTIONS)
     family = family_of(solution, instances, colour_by, colour_label)

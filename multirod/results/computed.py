@@ -25,7 +25,7 @@ from multirod.stability import Modes, Stabilities, Stability, modes_of
 from multirod.types import (
     StabilityOrArray,
 )
-from multirod.validation import FloatArray, frozen, meant, positive_int, refuse
+from multirod.validation import FloatArray, by_name, frozen, meant, positive_int, refuse
 
 if TYPE_CHECKING:
     from multirod.models.backbone.members.lines import Line
@@ -218,7 +218,7 @@ class Computed(Found[Robot_co]):
     def _rod_index(self, rod: int | str) -> int:
         """Number of a rod, from the first."""
         names = [r.name for r in self.assembly.rods]
-        index = names.index(rod) if isinstance(rod, str) and rod in names else rod
+        index: Any = by_name("rod", rod, names)
         if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
             tubes = [name for name in names if name and isinstance(rod, str) and name.rpartition(" ")[0] == rod]
             hint = f"; did you mean {tubes[0]!r}, the first of its {len(tubes)} tubes?" if tubes else ""
@@ -278,11 +278,11 @@ class Computed(Found[Robot_co]):
             nodes: Number of nodes; by default one a step at fixed steps, else 51.
 
         Raises:
-            ValueError: If there is no such line, or ``nodes`` is not an integer >= 2.
+            ValueError: If there is no such line, or several of that name, or ``nodes`` is not an integer >= 2.
         """
         lines = self.assembly.lines
         names = [own.name for _, own in lines]
-        index = names.index(line) if isinstance(line, str) and line in names else line
+        index: Any = by_name("line", line, names)
         if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
             refuse("line", line, _known(names))
         rod, own = lines[index]

@@ -19,7 +19,7 @@ from multirod.running.progress import Watch
 from multirod.running.simulation import as_solver, simulate, solve
 from multirod.solver import Outcome, Solver
 from multirod.status import Status
-from multirod.validation import boolean, device_name, unknown_names
+from multirod.validation import boolean, device_name, some_names, unknown_names
 
 SAMPLES = 3  # of a motion: the first is a cold start, the next follow it
 STEP = 0.005  # between them [s]
@@ -47,7 +47,7 @@ def prepare(
     inputs = robot.accept(inputs)
     for name, value in (("shape", shape), ("stability", stability), ("motion", motion)):
         boolean(f"compile({name})", value)
-    names = (jacobian,) if isinstance(jacobian, str) else tuple(jacobian)
+    names = some_names("compile(jacobian)", jacobian)
     unknown_names("compile(jacobian)", names, (spec.name for spec in robot.input_specs))
     questions: list[Callable[[Solution], Any]] = [methodcaller("jacobian", name) for name in names]
     if shape:

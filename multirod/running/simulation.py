@@ -33,10 +33,16 @@ _DEFAULT = Shooting()
 _BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
 
 
-def as_solver(robot: object, solver: object) -> Solver:
-    """``solver``, or the one that is meant by None; refuses what is none, and what is no robot."""
+def as_robot(robot: Robot) -> Robot:
+    """``robot``; refuses what is none."""
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
+    return robot
+
+
+def as_solver(robot: object, solver: object) -> Solver:
+    """``solver``, or the one that is meant by None; refuses what is none, and what is no robot."""
+    as_robot(robot)  # type: ignore[type-var]  # of anything
     if solver is None:
         return _DEFAULT
     if not isinstance(solver, Solver):

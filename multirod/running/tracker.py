@@ -21,7 +21,7 @@ from multirod.running.plain import PlainInputs
 from multirod.running.simulation import Runner, as_solver
 from multirod.solver import Solver
 from multirod.types import Numbers, P, Takes
-from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, unknown_names
+from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, some_names, unknown_names
 
 
 def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:
@@ -100,7 +100,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         self._device = device_name("Tracker.device", device)
         self._inputs = robot.accept(inputs)
         self._enabled: set[str] = set()
-        self._columns = self._columns_of((jacobian,) if isinstance(jacobian, str) else tuple(jacobian))
+        self._columns = self._columns_of(some_names("Tracker.jacobian", jacobian))
         self._started = guess is not None
         self._lock = Lock()
         self._prepare(guess)

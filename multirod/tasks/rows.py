@@ -88,6 +88,8 @@ class Pose:
             refuse("Pose.across", across, "must be finite: what was not measured is NaN in the position")
         self.whitening = whitening(self.kind, sigma, covariance)
         self.at, self.rod = None if at is None else positive_float("Pose.at", at), rod
+        if at is None and not (isinstance(rod, int) and rod == 0):
+            refuse("Pose.rod", rod, "must not be given without at, where along that rod it is: else it is of the end effector")
         try:
             self.batch_shape: tuple[int, ...] = broadcast_shapes(*(value.shape[:-tail] for value, tail in self._parts()))
         except ValueError:

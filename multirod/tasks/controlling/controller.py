@@ -16,7 +16,7 @@ from multirod.launch import expect
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.running.plain import PlainInputs
-from multirod.running.simulation import solve
+from multirod.running.simulation import as_robot, solve
 from multirod.running.tracker import Unpack
 from multirod.solver import Outcome
 from multirod.solvers.shooting import Shooting
@@ -86,11 +86,14 @@ class Controller(Uncopied, Generic[Robot_co]):
     ) -> None:
         self.dt = positive_float("Controller.dt", dt)
         plausibility.of_dt("Controller.dt", self.dt, "a controller")
-        self.free = freed("Controller.free", robot, free)
+        self.free = freed("Controller.free", as_robot(robot), free)
         lag = LAG * self.dt if correction_time is None else positive_float("Controller.correction_time", correction_time)
         if limits is not None:
             instance("Controller.limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
+        if guess is not None:
+            instance("Controller.guess", guess, Solution, "a Solution")
         method, device = RK45() if integrator is None else integrator, device_name("Controller.device", device)
+        instance("Controller.integrator", method, Integrator, "an Integrator, such as RK4(50)")
         expect(make_control, device)
         given = robot.accept(guess.inputs if inputs is None and guess is not None else inputs)
         if given.batch_shape or robot.batch_shape:
@@ -230,10 +233,12 @@ class Controller(Uncopied, Generic[Robot_co]):
                     given["axis"][:] = [value / size for value in axis]
                 return 1, int(rotation is not None), int(axis is not None)
         target = Pose(position=position, rotation=rotation, axis=axis, across=across)
-        if target.batch_shape or not target.complete.all():
-            refuse("Controller.step(target)", target, "must be finite, without leading axes")
+        told = {"position": position, "rotation": rotation, "axis": axis, "across": across}
         for name in target.given:
-            given[name][:] = getattr(target, name)
+            value = getattr(target, name)
+            if value.shape != given[name].shape or not np.isfinite(value).all():
+                refuse(f"Controller.step({name})", told[name], "must be finite, without leading axes")
+            given[name][:] = value
         return target.kind
 
     def _seen(self, position: Numbers | None, rotation: Numbers | None) -> tuple[int, int]:
@@ -244,7 +249,9 @@ class Controller(Uncopied, Generic[Robot_co]):
                 found.append(0)
                 continue
             sure = plain(value, tail)
-            numbers = np.asarray(value) if sure else array("Controller.step(measured)", value, tail, finite=False)
+            numbers = np.asarray(value) if sure else array(f"Controller.step(measured_{name[5:]})", value, tail, finite=False)
+            if numbers.shape != tail:
+                refuse(f"Controller.step(measured_{name[5:]})", value, "must be of one robot, without leading axes")
             there = sure or np.isfinite(numbers).all()
             if there:
                 given[name][:] = numbers

@@ -15,7 +15,7 @@ from multirod.inputs import Inputs
 from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
-from multirod.running.simulation import as_solver
+from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
 from multirod.status import failures
 from multirod.tasks.estimating.bounded import Bounds
@@ -23,7 +23,7 @@ from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.formulation import freed, places_of, with_values
-from multirod.tasks.limits import freed_labels
+from multirod.tasks.limits import freed_labels, known_rows
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers, StatusOrArray
@@ -246,7 +246,9 @@ def estimate(
     scene = Known(robot, at_means(robot, given, priors, whole), priors, sensors, places, whole, method, device, most, guess)
     count = prod(whole)
     workers = thread_count(threads)
-    pieces = parts(count, workers, robot.rod_count) if count else []
+    if not count:
+        return _empty(scene)
+    pieces = parts(count, workers, robot.rod_count)
     found: dict[int, Part] = {}
     lock = Lock()
 
@@ -264,6 +266,17 @@ def estimate(
 def inconsistent(misfit: float, degrees: int) -> str:
     """What to say of a misfit that is too large."""
     return f"inconsistent: the misfit is {misfit:.4g}, of {degrees} on average, so the model or a sigma is wrong"
+
+
+def _empty(scene: Known) -> Estimate[Any]:
+    """Of no instance."""
+    places, shape = places_of(scene.inputs, tuple(scene.priors)), scene.batch_shape
+    k, none = sum(place.stop - place.start for place in places.values()), np.zeros(shape)
+    solution = solve(scene.robot, scene.inputs, solver=scene.solver, device=scene.device)
+    square, missing = np.zeros((*shape, k, k)), np.zeros((*shape, len(scene.sensors)), dtype=bool)
+    bounds = Bounds(*known_rows(scene.robot, None, tuple(scene.priors))[:2])
+    degrees = none.astype(np.int64)
+    return Estimate(solution, places, np.zeros((*shape, k)), square, square, missing, none, degrees, (), bounds=bounds)
 
 
 def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:

@@ -13,6 +13,7 @@ from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
 from multirod.models.assemblies.inputs import KnownInputs
 from multirod.results.solution import Solution
+from multirod.running.simulation import as_robot
 from multirod.running.tracker import Tracker
 from multirod.solvers.shooting import Shooting
 from multirod.tasks.estimating.bounded import Bounds
@@ -25,7 +26,7 @@ from multirod.tasks.limits import known_rows
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Live, Sensor, batch_of, checked
 from multirod.types import Numbers
-from multirod.validation import Described, device_name, instance, positive_float, refuse
+from multirod.validation import Described, array, device_name, instance, positive_float, refuse
 
 
 class Estimator(Uncopied, Generic[Robot_co]):
@@ -71,7 +72,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         passed = None if gate is None else positive_float("Estimator.gate", gate)
         if passed is not None and not 0.5 <= passed < 1:
             refuse("Estimator.gate", gate, "must be the part of sound measurements that passes, from 0.5 to below 1, or None")
-        walks = _walks(robot, unknown)
+        walks = _walks(as_robot(robot), unknown)
         names, starts = tuple(walks), {name: walk.start for name, walk in walks.items()}
         given, parts = robot.accept(inputs), checked("sensors", sensors)
         whole = np.broadcast_shapes(given.batch_shape, robot.batch_shape, batch_of(parts))
@@ -81,6 +82,9 @@ class Estimator(Uncopied, Generic[Robot_co]):
         walked = np.concatenate(rates, axis=1)[:, None, :] * np.eye(sum(sizes)) * step
         begin = [starts[name].variances(name, size, whole, None) for name, size in zip(names, sizes, strict=True)]
         method = RK45() if integrator is None else integrator
+        instance("Estimator.integrator", method, Integrator, "an Integrator, such as RK4(50)")
+        if guess is not None and not isinstance(guess, Solution):
+            array("Estimator.guess", guess)
         places = Places(robot, given, parts)
         known = Known(robot, given, starts, parts, places, whole, Shooting(integrator=method), device, FIRST, guess)
         self._bounds = Bounds(*known_rows(robot, None, names)[:2])

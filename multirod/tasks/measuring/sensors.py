@@ -302,10 +302,12 @@ class Live(Measured):
         return rows
 
     def _numbers(self, field: str, value: object, tail: tuple[int, ...]) -> FloatArray:
-        """(b, *tail), which may be NaN."""
+        """(b, *tail), which may be NaN; one NaN stands for all."""
         numbers = value if type(value) is np.ndarray and value.dtype == np.float64 else array(field, value, finite=False)
         if numbers.shape == (*self._batch_shape, *tail):
             return np.array(numbers).reshape(self._count, *tail)
+        if not (numbers.ndim == 0 and np.isnan(numbers)):
+            numbers = array(field, value, tail, finite=False)
         try:
             return np.broadcast_to(numbers, (*self._batch_shape, *tail)).reshape(self._count, *tail)
         except ValueError:

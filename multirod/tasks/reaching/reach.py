@@ -113,8 +113,7 @@ def reach(
         if name in given.profiles:
             refuse("free", free, f"{name} is a function of the arclength: it cannot be chosen")
     choice("prefer", prefer, PREFERENCES)
-    if starts != 0:
-        positive_int("starts", starts, 0)
+    positive_int("starts", starts, 0)
     try:
         shape = broadcast_shapes(given.batch_shape, robot.batch_shape, target.batch_shape)
     except ValueError:
