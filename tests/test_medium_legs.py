@@ -8,7 +8,7 @@ from conftest import rodrigues
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from test_check_assembly import check_assembly
-from test_loads import DRAG, LENGTH, PRECISE, SPRING, STIFFNESS, U_STAR, both_act, rod
+from test_loads import DRAG, LENGTH, PRECISE, SPRING, STIFFNESS, U_STAR, both_act, rod, spring_acts
 from test_network_branches import hold_forces_against_the_potential
 
 import multirod as mr
@@ -36,17 +36,19 @@ def as_both(**robot):
 
 @pytest.mark.parametrize("form", ["legs", "network"])
 def test_legs_with_loads_of_their_own_are_those_of_an_independent_integration(form):
-    """Each leg from the moment and force at its base, its loads along the axes of that: tips are on the plate, and carry it."""
-    robot, inputs = as_both(legs=[rod(DRAG, SPRING)] * 3, base=FEET, platform=PLATE)[form]
+    """Each leg from the moment and force at its base, its loads along the axes of that: tips are on the plate, and carry it. Each
+    has other loads, and one none."""
+    legs = [(rod(SPRING), spring_acts), (rod(), lambda p, R, s: np.zeros((2, 3))), (rod(DRAG, SPRING), both_act)]
+    robot, inputs = as_both(legs=[leg for leg, _ in legs], base=FEET, platform=PLATE)[form]
     force = np.array([0.2, -0.1, 0.3])
     solution = mr.solve(robot, inputs(force, rotation=(0.3, 0, -0.2)), solver=PRECISE).raise_if_failed()
     total = np.zeros(6)
-    for k, base in enumerate(FEET):
+    for k, (base, (_, acts)) in enumerate(zip(FEET, legs, strict=True)):
         shape, B = solution.rod(k, nodes=2), base[:3, :3]
 
-        def rates(s, y, B=B, base=base):
+        def rates(s, y, B=B, base=base, acts=acts):
             R, m, n = y[3:12].reshape(3, 3), y[12:15], y[15:]
-            f, l = (B @ own for own in both_act(B.T @ (y[:3] - base[:3, 3]), B.T @ R, s))
+            f, l = (B @ own for own in acts(B.T @ (y[:3] - base[:3, 3]), B.T @ R, s))
             u = U_STAR + R.T @ m / STIFFNESS
             spin = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
             return np.concatenate([R[:, 2], (R @ spin).ravel(), -np.cross(R[:, 2], n) - l, -f])

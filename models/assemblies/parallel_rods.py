@@ -218,7 +218,7 @@ class ParallelRods(Assembly):
         for leg in self.geometry.legs:
             options: dict[str, Any] = {"rod_count": leg.rod_count, "transmission": leg.transmission, "held": True}
             own = scene_features(leg.arrays, active, inputs.profiles, **options)
-            found.setdefault((leg.rod_count, leg.transmission, leg.arrays.members, leg.arrays.member_rods), []).append(own)
+            found.setdefault((leg.rod_count, leg.transmission, leg.arrays.build), []).append(own)
         return tuple(
             replace(
                 same[0],

@@ -112,7 +112,7 @@ class ParallelProblem(BoundaryProblem):
         }
         builds: dict[tuple[Any, ...], list[int]] = {}
         for k, leg in enumerate(geometry.legs):
-            builds.setdefault((leg.rod_count, leg.transmission, leg.arrays.members, leg.arrays.member_rods), []).append(k)
+            builds.setdefault((leg.rod_count, leg.transmission, leg.arrays.build), []).append(k)
         self.groups = [LegGroup(self, members, inputs, options) for members in builds.values()]
         self.rounding = self.groups[0].backbones.rounding
         self.measured = inputs.measured

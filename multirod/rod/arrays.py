@@ -73,6 +73,12 @@ class RodArrays:
         for name in ("end", "material", "precurvature", "section"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
+    @property
+    def build(self) -> tuple[Any, ...]:
+        """What rods have alike that one launch integrates side by side, ``stack``: members and loads, whose numbers stand in the
+        material one after another."""
+        return self.members, self.member_rods, self.loads
+
     def take(self, batch_shape: tuple[int, ...], instances: IntArray | None = None) -> "RodArrays":
         """The arrays of some instances, along one axis, of a batch to whose leading axes these broadcast.
 

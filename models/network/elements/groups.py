@@ -162,7 +162,7 @@ def builds(graph: Graph, moving: NDArray[np.bool_] | None, lanes: int) -> list[l
     """
     found: dict[Any, list[int]] = {}
     for k, (rod, arrays) in enumerate(zip(graph.rods, graph.arrays, strict=True)):
-        key = (rod.rod_count, rod.transmission, arrays.members, arrays.member_rods, int(graph.slides.pieces[k]))
+        key = (rod.rod_count, rod.transmission, arrays.build, int(graph.slides.pieces[k]))
         found.setdefault(key, []).append(k)
     if moving is None:
         return list(found.values())
