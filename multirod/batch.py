@@ -1,12 +1,13 @@
 """Batches: which rows of an array belong to which instances, systems of each, and how instances are shared out to threads."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from itertools import pairwise
 from math import prod
 from threading import Event
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,31 @@ def take(values: NDArray[Kind], batch_shape: tuple[int, ...], instances: IntArra
     if instances is None or not batch_shape:
         return rows.reshape(prod(batch_shape), *rows.shape[len(batch_shape) :])
     return rows[np.unravel_index(instances, batch_shape)]
+
+
+One_co = TypeVar("One_co", covariant=True)
+
+
+class Batch(Protocol[One_co]):
+    """What has leading axes, and is indexed by them."""
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Its leading axes."""
+
+    def __getitem__(self, index: int, /) -> One_co:
+        """One of the first of them."""
+
+
+def along(batch: Batch[One_co]) -> Iterator[One_co]:
+    """What has leading axes, along the first of them.
+
+    Raises:
+        TypeError: If it has none: by indices alone, it would be as empty as one of no instance.
+    """
+    if not batch.batch_shape:
+        raise TypeError(f"{type(batch).__name__} has no leading axes to go along: it is of one instance")
+    return (batch[k] for k in range(batch.batch_shape[0]))
 
 
 def broadcast_shapes(*shapes: tuple[int, ...]) -> tuple[int, ...]:

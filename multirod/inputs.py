@@ -1,6 +1,6 @@
 """Actuation and loads of an assembly, checked and broadcast."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -10,7 +10,7 @@ from weakref import ref
 
 import numpy as np
 
-from multirod.batch import IntArray, broadcast_shapes, take
+from multirod.batch import IntArray, along, broadcast_shapes, take
 from multirod.profile import Profile, fit
 from multirod.types import Index
 from multirod.validation import FloatArray, array, refuse, unknown_names
@@ -264,6 +264,14 @@ class Inputs:
         result.given = tuple(name for name in self.given if name in result._arrays or name in result._profiles)
         result.batch_shape = self.batch_shape
         return result
+
+    def __iter__(self) -> "Iterator[Inputs]":
+        """Along the first of the leading axes.
+
+        Raises:
+            TypeError: If there is none.
+        """
+        return along(self)
 
     def __getitem__(self, index: Index) -> "Inputs":
         """The inputs of some instances: ``inputs[k]`` takes the k-th along the first batch axis."""

@@ -79,6 +79,15 @@ def test_a_name_that_several_rods_have_is_none_of_one():
         )
 
 
+def test_one_instance_is_no_batch_to_go_along():
+    """It was as empty as a batch of none."""
+    several = ROBOT.inputs(tip_force=np.zeros((2, 3)))
+    for batch in (several, mr.solve(ROBOT, several)):
+        assert [one.batch_shape for one in batch] == [(), ()]
+        with pytest.raises(TypeError, match="has no leading axes to go along: it is of one instance"):
+            list(batch[0])
+
+
 def test_an_empty_batch_has_an_empty_estimate():
     none = mr.Pose(position=np.zeros((0, 3)), sigma=1e-3)
     found = mr.estimate(ROBOT, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=none)

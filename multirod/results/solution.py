@@ -1,6 +1,6 @@
 """Results: an equilibrium of each instance."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from os import PathLike
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, Unpack
 import numpy as np
 
 from multirod.assembly import Robot_co
-from multirod.batch import Instances
+from multirod.batch import Instances, along
 from multirod.results import derivatives
 from multirod.results.computed import Computed
 from multirod.results.remarks import Remarks
@@ -71,6 +71,14 @@ class Solution(Computed[Robot_co]):
         chosen = flat if self._instances is None else self._instances[flat]
         scene = replace(self._scene, batch_shape=rows.shape)
         return Solution(scene, self._records[flat], self._outcome.take(flat), self._whole, chosen)
+
+    def __iter__(self) -> "Iterator[Solution[Robot_co]]":
+        """Along the first of the leading axes.
+
+        Raises:
+            TypeError: If there is none.
+        """
+        return along(self)
 
     if not TYPE_CHECKING:  # which knows what there is
 
