@@ -239,7 +239,13 @@ class NetworkProblem(BoundaryProblem):
     def adopt(self, unknowns: FloatArray) -> FloatArray:
         """As said; also those of a network that is one rod by itself."""
         if self.by_itself is not None and unknowns.shape[1] != self.unknown_count:
-            unknowns = self.by_itself().adopt(unknowns)
+            alone, own = self.by_itself(), self.read("inputs")
+            rows = alone.read("inputs")
+            for name, place in self._slices.items():  # as they are now: this may have been renewed, or written to
+                if place.start < place.stop and name not in ON_RODS:
+                    rows[:, alone.input_slice(name)] = own[:, place]
+            alone.write("inputs", rows)
+            unknowns = alone.adopt(unknowns)
         return super().adopt(unknowns)
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102
