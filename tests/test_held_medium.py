@@ -113,3 +113,17 @@ def test_no_equilibrium_is_below_what_a_solve_gives():
     assert lowest < 2e-3
     # rounding of energies told from shapes
     assert solution.status == mr.Status.BRANCH_END or float(solution.potential) <= lowest + 1e-6
+
+
+@pytest.mark.parametrize("k", [1e4, 1e6])
+def test_a_strip_pushed_together_in_a_medium_is_found_and_pushes_back_as_its_energy_says(k):
+    """It begins buckled as without a medium, which is no equilibrium in one: `BRANCH_END` where that stood there at once."""
+    held = mr.HeldRod(mr.Rod(length=0.4, bending_stiffness=(2, 0.2233), torsional_stiffness=0.0638, foundation=k))
+    end = np.zeros((3, 3))
+    end[:, 2] = -0.01 + 1e-5 * np.array([0, 1, -1])
+    found = mr.solve(held, held.inputs(end_position=end)).raise_if_failed()
+    assert (found.stability == mr.Stability.STABLE).all()
+    assert found.integrations.max() < 500
+    slope = (found.potential[1] - found.potential[2]) / 2e-5
+    assert found.end_force[0, 2] == pytest.approx(slope, rel=1e-4)
+    assert slope < -2 * np.sqrt(k * 0.2233)  # of a beam without end

@@ -25,7 +25,7 @@ from multirod.models.held.kernels.base_kernels import hand_over
 from multirod.models.held.kernels.holding_kernels import hold
 from multirod.models.held.segments import HeldBackbone, HeldSegments
 from multirod.models.held.stability import HeldStability
-from multirod.models.held.start import INTEGRATIONS_AT_REST, begin
+from multirod.models.held.start import INTEGRATIONS_AT_REST, begin, begun_without_medium
 from multirod.models.held.starts import HeldStarts
 from multirod.models.held.table import alike, make_table
 from multirod.problem import Block, BoundaryProblem
@@ -125,7 +125,7 @@ class HeldProblem(BoundaryProblem):
             design=design,
             enabled=[name for name in names if name in enabled or inputs.is_active(name)],
             held=True,
-            arrays=holders.arrays,
+            arrays=begun_without_medium(holders),
             pieces=pieces,
         )
         result.whole = self

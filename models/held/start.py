@@ -3,13 +3,14 @@
 Numbers in parentheses are those of ``docs/held.md``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
+from multirod.models.backbone.kernels.loads.foundation import Foundation, RisingFoundation
 from multirod.models.held.kernels.arguments import ACROSS, IN_BALLS
 from multirod.models.held.table import free_in_balls, straight_at_rest
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
@@ -19,7 +20,9 @@ from multirod.status import Status
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
+    from multirod.models.held.holders import Holders
     from multirod.models.held.problem import HeldProblem
+    from multirod.rod.arrays import RodArrays
 
 ANGLE = 1.0  # of an arc [rad]
 ASIDE = 0.3  # part of that across the plane in which the end moves: no symmetry lets a branch end on the way
@@ -107,6 +110,15 @@ MODES = {  # by whether base and end turn freely about the axis
     (True, False): Mode(ROOT**2, 0.0, -HINGED * np.sin(ROOT), HINGED * (1 - np.cos(ROOT)) / ROOT),
     (True, True): Mode(np.pi**2, 0.0, 0.0, 2.0),
 }
+
+
+def begun_without_medium(holders: "Holders") -> "RodArrays":
+    """The rod; if it does not stretch, nor its end slides, with its medium raised on the path: pushed together it begins buckled
+    as (23) says, which is no equilibrium in a stiff medium."""
+    arrays = holders.arrays
+    if holders.slide is not None or arrays.material[..., 6:9].any() or Foundation not in arrays.loads:
+        return arrays
+    return replace(arrays, loads=tuple(RisingFoundation if load is Foundation else load for load in arrays.loads))
 
 
 def begin(problem: "HeldProblem") -> Begun:

@@ -26,6 +26,7 @@ class Foundation(Load):
 
     force = by_place = conservative = convex = True
     of_rod = "Rod.foundation"
+    rises = False  # with the loads around straight rods too
 
     @classmethod
     def on_stretch(cls, n: int) -> list[Slot]:
@@ -103,7 +104,7 @@ class Foundation(Load):
     @classmethod
     def loading(cls, grid: SimpleNamespace) -> SimpleNamespace:
         memory_type, set_vector, section_at = grid.memory_type, grid.set_vector, grid.section_at
-        STIFFNESS = grid.on_stretch("stiffness")
+        STIFFNESS, RISES = grid.on_stretch("stiffness"), cls.rises
 
         @wp.func
         def bent_at_rest(rods: wp.ref[RodTable], case: wp.ref[Instance]) -> bool:
@@ -129,7 +130,7 @@ class Foundation(Load):
             scale = case.unit * case.unit / case.force
             factor = call.problem.load_factor[case.index]
             if factor != f64(1.0):  # or nothing depends on how it is bent
-                if bent_at_rest(rods, case):
+                if wp.static(RISES) or bent_at_rest(rods, case):
                     scale *= factor
             set_vector(memory, z + wp.static(STIFFNESS), l, scale * medium)
 
@@ -138,3 +139,9 @@ class Foundation(Load):
             """No input."""
 
         return SimpleNamespace(stretch=stretch, direction=direction)
+
+
+class RisingFoundation(Foundation):
+    """The same around a rod that begins buckled, as it would without a medium."""
+
+    rises = True
