@@ -69,19 +69,38 @@ def test_six_legs_reach_a_target_that_jumps_aside():
     np.testing.assert_allclose(there.tip_position, target, atol=1e-6)
 
 
+def column():
+    """A loop whose column is pressed straight, well before it buckles, and the length at which it does."""
+    force = 2.204  # N
+    robot = mr.SingleRod(mr.Rod(length=0.6, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    still = robot.inputs(translation=-0.2, tip_force=(0, 0, -force))
+    loop = mr.Controller(robot, dt=0.01, free="translation", inputs=still, integrator=STEPS)
+    return loop, np.pi / 2 * np.sqrt(0.2233 / force)
+
+
 @pytest.mark.parametrize("near", [1e-3, 5e-5])
 @pytest.mark.parametrize("jump", [1.2e-3, 5e-3])
 def test_a_column_at_rest_beside_where_it_buckles_is_not_led_beyond_by_a_jump(near, jump):
     """Steps of less than a tenth were not looked at where the loop had been at rest, and a small one was not compared after
     it either: straight and unstable, ``TRACKING`` ever after. Of both modes, which the sign of ``det Gamma`` does not tell."""
-    force = 2.204  # N
-    buckles = np.pi / 2 * np.sqrt(0.2233 / force)
-    robot = mr.SingleRod(mr.Rod(length=0.6, bending_stiffness=0.2233, torsional_stiffness=0.0638))
-    still = robot.inputs(translation=-0.2, tip_force=(0, 0, -force))
-    loop = mr.Controller(robot, dt=0.01, free="translation", inputs=still, integrator=STEPS)
+    loop, buckles = column()
     for z in np.append(np.linspace(0.4, buckles - near, 60), np.full(5, buckles - near)):
         assert loop.step(position=(0, 0, z)).stability is mr.Stability.STABLE
     for _ in range(30):
         command = loop.step(position=(0, 0, buckles - near + jump))
         assert command.failed or 0.6 + command.inputs.translation[0] < buckles
     assert loop.step(position=(0, 0, 0.495)).status is mr.Status.TRACKING
+
+
+@pytest.mark.parametrize("amplitude", [1e-6, 2e-5])
+def test_a_column_that_trembled_for_long_is_not_led_beyond_where_it_buckles(amplitude):
+    """To and fro was taken for a way along which ``Gamma`` hardly changes: a step of a twentieth was not looked at then."""
+    loop, buckles = column()
+    near = buckles - 1e-2
+    for z in np.linspace(0.4, near - amplitude, 60):
+        assert loop.step(position=(0, 0, z)).status is mr.Status.TRACKING
+    for k in range(100):
+        assert loop.step(position=(0, 0, near - amplitude * (-1) ** k)).status is mr.Status.TRACKING
+    for _ in range(30):
+        command = loop.step(position=(0, 0, buckles + 2e-3))
+        assert command.failed or 0.6 + command.inputs.translation[0] < buckles

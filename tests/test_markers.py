@@ -9,6 +9,7 @@ import multirod as mr
 from multirod.rotations import vectors
 from multirod.tasks.formulation import options
 from multirod.tasks.measuring.along import AlongTask, Places
+from multirod.tasks.rows import of_what_is_there, whitening
 
 WIRE = {"length": 0.4, "bending_stiffness": 0.223349, "torsional_stiffness": 0.063814, "precurvature": (14, 5, 0)}
 NODES = (15, 30, 45)
@@ -201,6 +202,16 @@ def test_what_is_missing_is_as_if_it_had_never_been_measured(wire, seen, missing
     np.testing.assert_allclose(found.covariance("tip_force")[0], P, atol=1e-4 * P.max())
     all_ = mr.estimate(robot, unknown=PRIOR, measured=mr.Pose(position=position, at=AT[2], covariance=root @ root.T))
     np.testing.assert_allclose(found.value("tip_force")[1], all_.value("tip_force"), atol=1e-3 * SIGMA)
+
+
+def test_what_is_all_there_counts_as_it_does_alone():
+    """To the last bit, beside others of which a number is missing."""
+    root = 1e-3 * np.array([(1, 0, 0), (0.5, 1, 0), (0.2, -0.4, 0.3)])
+    alone = whitening((1, 0, 0), None, root @ root.T)
+    there = np.array([[True, True, True], [True, False, True], [False, False, False]])
+    found = of_what_is_there(alone, there)
+    np.testing.assert_array_equal(found[0], alone)
+    np.testing.assert_array_equal(found[2], 0)
 
 
 def test_rounding_mixes_no_rows(wire, seen):

@@ -325,6 +325,9 @@ def of_what_is_there(whitening: FloatArray, there: NDArray[np.bool_]) -> FloatAr
     patterns, which = np.unique(there, axis=0, return_inverse=True)
     result = np.zeros((len(patterns), *whitening.shape))
     for own, known in zip(result, patterns, strict=True):
+        if known.all():  # as alone, to the last bit
+            own[:] = whitening
+            continue
         rows = np.flatnonzero(known)
         own[np.ix_(rows, rows)] = _inverse_root(root[rows] @ root[rows].T)
     return np.asarray(result[which.reshape(-1)])

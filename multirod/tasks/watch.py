@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.kernels.shared import Shared
-from multirod.problem import BoundaryProblem
 from multirod.stability import Stability, modes_of
+from multirod.tasks.formulation import Task
 from multirod.tasks.watch_kernels import SURE, UNTOLD, Watched
 from multirod.validation import FloatArray
 
@@ -21,19 +21,22 @@ class Watch:
     """Keeps ``Gamma`` of the last sample of each instance that is known to be stable ((17) of ``docs/tasks.md``).
 
     Args:
-        problem: Whose samples are watched.
+        task: Whose samples are watched.
+        unit: (9), shape (k,).
 
     Attributes:
         state: The argument of kernels.
     """
 
-    def __init__(self, problem: BoundaryProblem) -> None:
-        self._problem = problem
+    def __init__(self, task: Task, unit: FloatArray) -> None:
+        self._task, self._unit, self._problem = task, unit, task.problem
+        problem = task.problem
         problem.expect_judging()
         count, n = problem.instance_count, problem.unknown_count
         self.state: Any = Watched()
         self.state.on = int(problem.stability is not None)
         sizes = {"anchor": (n, n), "inverse": (n, n), "scale": (n,), "room": (1, n), "path": (5,)}
+        sizes |= dict.fromkeys(("anchored", "place"), (n + task.count,))
         self._shared = {name: Shared((count, *size), wp.float64, problem.device) for name, size in sizes.items()}
         for name, each in self._shared.items():
             setattr(self.state, name, each.array)
@@ -55,6 +58,7 @@ class Watch:
             path.values[rows, 2] = np.sqrt((off * off).sum(axis=(1, 2)))
         path.values[rows, 1] = path.values[rows, 0]
         path.send()
+        self._stand(rows)
         return np.asarray(path.values[rows, 2] < SURE)
 
     def begin(self, rows: IntArray, gamma: FloatArray) -> None:
@@ -64,13 +68,25 @@ class Watch:
         path.values[rows] = 0.0
         path.values[rows, 3] = UNTOLD
         path.send()
+        self._stand(rows)
         self.keep(rows, gamma)
+
+    def _stand(self, rows: IntArray) -> None:
+        """Some instances are where the problem is."""
+        place = self._shared["place"]
+        place.fetch()
+        unknowns = self._problem.read("unknowns") / self._problem.curvature_scale()[:, None]
+        place.values[rows] = np.concatenate([unknowns, self._task.values() / self._unit], axis=1)[rows]
+        place.send()
 
     def keep(self, rows: IntArray, gamma: FloatArray) -> None:
         """Some instances are stable at ``gamma`` (k, n, n), that of the last comparison, as far as can be said; one that is
         singular is no place to go by."""
         anchor, inverse, scale, path = (self._shared[name] for name in ("anchor", "inverse", "scale", "path"))
+        anchored, place = self._shared["anchored"], self._shared["place"]
         path.fetch()
+        place.fetch()
+        anchored.values[rows] = place.values[rows]
         gone, compared, off, growth, _ = path.values[rows].T
         # (17b): nearer to where it is singular, the same change is more of what is left
         left = 1 - np.fmin(off, MOST_OFF)
@@ -87,7 +103,7 @@ class Watch:
             if not self._scaled[row]:
                 scale.values[row], self._scaled[row] = _balance(np.abs(back) @ np.abs(own)), True
             inverse.values[row] = back.T / scale.values[row]
-        for each in (anchor, inverse, scale, path):
+        for each in (anchor, inverse, scale, path, anchored):
             each.send()
 
     def compare(self) -> None:

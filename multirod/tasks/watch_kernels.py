@@ -3,6 +3,8 @@
 
 import warp as wp
 
+from multirod.tasks.condensed_kernels import Condensed
+
 f64 = wp.float64
 REFERENCE_KEPT = 0.4  # left side of (17), up to which the matrix that samples are compared with stays
 SURE = 0.8  # up to which no mode was lost; at 1 one may be: the rest is for what a sample's correction adds
@@ -10,7 +12,7 @@ FAR = 0.1  # correction, of unknowns in scales of curvature, of values in units 
 # and the way of samples in a row that need not be compared, where (17) grows as it did
 FASTER = 3.0  # (17b) than it did until the last comparison
 UNTOLD = 25.0  # (17b) how fast it grows before anything is known: a step of 0.01 is looked at
-STANDING = 1e-9  # way that says nothing of it
+STANDING = 1e-9  # distance that says nothing of it
 
 # what has to be done about a sample: nothing; compare the next ones with it; look whether it is stable
 NOTHING, NEXT, LOOK = 0, 1, 2
@@ -28,6 +30,9 @@ class Watched:
     # gone since then, in the units of FAR: to the last command, to the last place that was compared; the left side of (17) there;
     # its growth on the way; to the command before the last
     path: wp.array2d[wp.float64]
+    # unknowns and values in the units of FAR, (instance, n + k): where Gamma was last known to be stable, and of the last sample
+    anchored: wp.array2d[wp.float64]
+    place: wp.array2d[wp.float64]
 
 
 OFF = """
@@ -66,9 +71,19 @@ def far_off(
 
 
 @wp.func(inline=False)
+def stand(w: Watched, task: Condensed, t: int, curvature: f64, unit: wp.array[wp.float64]):
+    """Where the integration of a sample was."""
+    n = task.unknowns.shape[1]
+    for i in range(n):
+        w.place[t, i] = task.unknowns[t, i] / curvature
+    for j in range(unit.shape[0]):
+        w.place[t, n + j] = task.inputs[t, task.places[j]] / unit[j]
+
+
+@wp.func(inline=False)
 def strayed(w: Watched, gamma: wp.array3d[wp.float64], t: int, foreseen: f64, gone: f64, always: bool) -> int:
     """(17), (17b) Whether a mode may be lost on the way to a sample's command. ``Gamma`` is that of a place ``foreseen`` away
-    from the last command; the new one is ``gone`` farther. ``always``: compare it, however short the way."""
+    from the last command, where ``stand`` says; the new one is ``gone`` farther. ``always``: compare, however short the way."""
     if w.on == 0:
         return wp.static(NOTHING)
     if not wp.isfinite(w.inverse[t, 0, 0]):
@@ -84,8 +99,11 @@ def strayed(w: Watched, gamma: wp.array3d[wp.float64], t: int, foreseen: f64, go
     found = wp.sqrt(w.room[t, 0, 0])
     w.path[t, 1] = here
     w.path[t, 2] = found
-    if here > f64(wp.static(STANDING)):
-        w.path[t, 3] = found / here
+    apart = f64(0.0)  # to and fro is no way that tells how fast it grows
+    for i in range(w.place.shape[1]):
+        apart = wp.max(apart, wp.abs(w.place[t, i] - w.anchored[t, i]))
+    if apart > f64(wp.static(STANDING)):
+        w.path[t, 3] = found / apart
     if not found + f64(wp.static(FASTER)) * w.path[t, 3] * gone < f64(wp.static(SURE)):
         return wp.static(LOOK)
     return wp.where(found < f64(wp.static(REFERENCE_KEPT)), wp.static(NOTHING), wp.static(NEXT))

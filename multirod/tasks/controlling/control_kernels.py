@@ -10,7 +10,7 @@ from multirod.models.rotation_kernels import rotation_from_vector, rotation_vect
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import across, axis_rows, condense, position_rows, rotation_rows, sighted_rows, tilt
 from multirod.tasks.controlling.control_step_kernels import LEFT_OVER, ON_TARGET, Control, bounded, factor, place_start
-from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, strayed
+from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, stand, strayed
 
 f64 = wp.float64
 
@@ -246,6 +246,8 @@ def make_control():
             tell(s, t)
             if s.told[t, wp.static(HELD)] != f64(0.0):
                 status = wp.static(int(Status.AT_LIMIT))
+            if s.watched.on != 0:
+                stand(s.watched, s.task, t, s.curvature, s.unit)
             gone = place_start(s, t, True)
             s.doubt[t] = strayed(s.watched, s.task.gamma, t, s.foreseen[t], gone, False)
             if gone > f64(wp.static(FAR)) and s.watched.on != 0:

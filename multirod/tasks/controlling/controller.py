@@ -115,7 +115,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         self._plain, self._names = PlainInputs(robot, problem, given, self.free), {spec.name for spec in robot.input_specs}
         keep = exp(-self.dt / lag)
         weight = np.array([1 / self._length**2, 1 / self._length])
-        self._watch = Watch(problem)
+        self._watch = Watch(self._task, self._unit)
         self._shape = None
         if limits is not None and limits.of_shape:
             self._shape = ShapeLimits(robot, given, self.free, limits, self._unit, method, device)

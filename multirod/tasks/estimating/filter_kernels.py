@@ -9,7 +9,7 @@ from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, position_rows, rotation_rows, sighted_rows
-from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, Watched, strayed
+from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, Watched, stand, strayed
 
 f64 = wp.float64
 
@@ -258,6 +258,7 @@ def look(s: Filter, t: int) -> int:
         far = wp.max(far, wp.abs(s.unknowns[t, i] - s.task.unknowns[t, i]) / s.curvature[t])
     for j in range(s.unit.shape[0]):
         far = wp.max(far, wp.abs(s.sides[t, j, 0]) / s.unit[j])
+    stand(s.watched, s.task, t, s.curvature[t], s.unit)
     # inputs that are not estimated change too: each is compared
     found = strayed(s.watched, s.task.gamma, t, f64(0.0), far, True)
     return wp.where(far > f64(wp.static(FAR)) and s.watched.on != 0, wp.static(LOOK), found)

@@ -165,9 +165,9 @@ class _FilterTrack(Track):
         state.row = wp.array(np.array(firsts, dtype=np.int32), dtype=wp.int32, device=problem.device)
         state.gated = int(known.most is not None)
         state.most = wp.array(np.zeros(1) if known.most is None else known.most, dtype=wp.float64, device=problem.device)
-        self._watch = Watch(problem)
-        state.watched = self._watch.state
         units = {"curvature": problem.curvature_scale(), "unit": input_units(known.known.robot, known.names)}
+        self._watch = Watch(self.task, units["unit"])
+        state.watched = self._watch.state
         for name, values in units.items():
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
         self._state = state  # whose arrays the launch works in
