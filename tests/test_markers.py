@@ -206,9 +206,9 @@ def test_what_is_missing_is_as_if_it_had_never_been_measured(wire, seen, missing
 
 def test_what_is_all_there_counts_as_it_does_alone():
     """To the last bit, beside others of which a number is missing."""
-    root = 1e-3 * np.array([(1, 0, 0), (0.5, 1, 0), (0.2, -0.4, 0.3)])
-    alone = whitening((1, 0, 0), None, root @ root.T)
-    there = np.array([[True, True, True], [True, False, True], [False, False, False]])
+    root = np.random.default_rng(3).normal(size=(6, 6))
+    alone = whitening((1, 1, 0), None, 1e-6 * root @ root.T)
+    there = np.array([[True] * 6, [True] * 5 + [False], [False] * 6])
     found = of_what_is_there(alone, there)
     np.testing.assert_array_equal(found[0], alone)
     np.testing.assert_array_equal(found[2], 0)
