@@ -227,6 +227,14 @@ def test_of_a_batch_places_are_those_of_each(bent):
     assert np.isnan(lost.along(0.2)).all()
 
 
+def test_along_the_rods_of_a_batch_of_none():
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06))
+    none = mr.solve(robot, robot.inputs(tip_force=np.zeros((2, 0, 3))))
+    assert none.along((0.1, 0.2)).shape == (2, 0, 2, 3)
+    assert none.along(0.2, of="rotation").shape == (2, 0, 3, 3)
+    assert none.jacobian("tip_force", of="position", at=0.2).shape == (2, 0, 3, 3)
+
+
 def test_along_a_rod_that_is_pushed(bent):
     """(D11) At a place that stays, behind the end of a section that moves; a node of a shape moves with the rod's length."""
     robot, step = bent.assembly, 1e-3

@@ -169,14 +169,14 @@ def places_on(assembly: "Assembly", translation: FloatArray, places: FloatArray,
     pushed out by ``translation`` (..., rod)."""
     end = assembly.rods[rod].length + translation[..., rod]
     if places[0] <= 0 or (places[-1] > end * (1 + SINGULAR)).any():
-        refuse("at", places.tolist(), f"must be > 0 and <= {float(np.min(end)):g} m, where the rod ends")
-    gap = 1e-12 * float(np.max(end))
+        refuse("at", places.tolist(), f"must be > 0 and <= {float(np.min(end, initial=np.inf)):g} m, where the rod ends")
+    gap = 1e-12 * float(np.max(end, initial=0.0))
     result = places.copy()
     for k, other in enumerate(assembly.rods):
         shape = np.broadcast_shapes(other.batch_shape, translation.shape[:-1])
         ends = np.cumsum([np.broadcast_to(section.length, shape) for section in other.sections], axis=0)
         ends = (ends + translation[..., k]).reshape(-1, 1)
-        near = np.where(np.abs(ends - places) <= gap, ends - gap, np.inf).min(axis=0)
+        near = np.where(np.abs(ends - places) <= gap, ends - gap, np.inf).min(axis=0, initial=np.inf)
         result = np.minimum(result, near)
     return result
 
