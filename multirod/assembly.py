@@ -312,16 +312,16 @@ class Assembly(ABC):
         return sum(max(float(np.max(section.bending_stiffness)) for section in rod.sections) for rod in self.rods)
 
 
-def is_rotation(R: FloatArray) -> bool:
-    """Whether all matrices (..., 3, 3) are rotations, to what rounding leaves."""
-    off = np.abs(R).max() > 2 or np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > ORTHOGONAL
+def is_rotation(R: FloatArray, most: float = ORTHOGONAL) -> bool:
+    """Whether all matrices (..., 3, 3) are rotations, to ``most`` that ``R R^T`` is off the identity: what rounding leaves."""
+    off = np.abs(R).max() > 2 or np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > most
     return not (off or (np.linalg.det(R) < 0).any())
 
 
-def not_turned(R: FloatArray) -> str:
-    """What is wrong with matrices that are no rotations."""
+def not_turned(R: FloatArray, most: float = ORTHOGONAL) -> str:
+    """What is wrong with matrices that are no rotations, as ``is_rotation`` has it."""
     off = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max())
-    if off <= ORTHOGONAL:
+    if off <= most:
         return "its determinant is -1, a mirror image: a left-handed frame, or axes in another order"
     return f"R R^T is off the identity by {off:.2g}" + (": it is rounded, give all digits" if off < DIGITS_CUT else "")
 

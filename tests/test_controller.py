@@ -252,6 +252,8 @@ def test_what_a_controller_refuses(start, changes, error, message):
         ({"position": (0, 0, 0.3), "tip_moment": (0, 0, 0.1)}, ValueError, "must be given, not zero, at the start"),
         ({"position": (0, 0, 0.3), "measured_position": (0, 0)}, ValueError, "shape"),
         ({"position": (0, 0, 0.3), "measured_position": np.zeros((2, 3))}, ValueError, r"measured_position\) .* of one robot"),
+        ({"position": (0, 0, 0.3), "measured_rotation": 2 * np.eye(3)}, ValueError, r"measured_rotation\) .* must be a rotation"),
+        ({"position": (0, 0, 0.3), "measured_rotation": -np.eye(3)}, ValueError, r"measured_rotation\) .* a mirror image"),
         ({"position": np.full((2, 3), 0.1)}, ValueError, r"Controller.step\(position\) = .* without leading axes"),
     ],
 )

@@ -328,6 +328,7 @@ def test_bad_estimators(make, options, error, message):
         ([(np.zeros(3),)], {}, ValueError, r"measured\[0\] = .* must be \(position, rotation\)"),
         ([(np.zeros(2), np.eye(3))], {}, ValueError, r"measured\[0\], position"),
         ([(np.zeros(3), 2 * np.eye(3))], {}, ValueError, "must be a rotation"),
+        ([(np.zeros(3), -np.eye(3))], {}, ValueError, "must be a rotation: .* a mirror image"),
         ([None], {"tip_force": (0, 0, 1)}, TypeError, "takes no 'tip_force': it is estimated"),
         ([None], {"rotatoin": 1.0}, TypeError, "did you mean 'rotation'"),
     ],

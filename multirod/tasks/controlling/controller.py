@@ -26,7 +26,7 @@ from multirod.tasks.controlling.control import ControlStep
 from multirod.tasks.controlling.control_kernels import make_control
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, freed, input_units, with_values
-from multirod.tasks.given import plain, turned
+from multirod.tasks.given import TURNED, plain, refuse_turn, turned
 from multirod.tasks.limits import ROUNDING_BEYOND, Limits, limit_rows, nearest, refuse_start
 from multirod.tasks.rows import PARTS, SMALLEST_AXIS, Kind, Pose
 from multirod.tasks.watch import Watch
@@ -252,6 +252,8 @@ class Controller(Uncopied, Generic[Robot_co]):
             numbers = np.asarray(value) if sure else array(f"Controller.step(measured_{name[5:]})", value, tail, finite=False)
             if numbers.shape != tail:
                 refuse(f"Controller.step(measured_{name[5:]})", value, "must be of one robot, without leading axes")
+            if tail == (3, 3) and not turned(value, TURNED):
+                refuse_turn("Controller.step(measured_rotation)", value, numbers)
             there = sure or np.isfinite(numbers).all()
             if there:
                 given[name][:] = numbers

@@ -14,7 +14,7 @@ from multirod.batch import Instances, IntArray
 from multirod.kernels.shared import Shared
 from multirod.problem import BoundaryProblem
 from multirod.tasks.formulation import Evaluation
-from multirod.tasks.given import plain, turned
+from multirod.tasks.given import TURNED, plain, refuse_turn, turned
 from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.curvature import Curvature, CurvatureRows, curvature_rows, filled
 from multirod.tasks.rows import PARTS, SMALLEST_AXIS, Pose, PoseRows, of_what_is_there
@@ -24,7 +24,6 @@ Sensor = Pose | Curvature
 EYE = np.eye(3)
 TOLD = ("position", "rotation", "axis")  # at each sample; across which direction a position counts stays
 MOST_ROWS = 6  # of a pose
-TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
 # what surely is a measurement of each, of a sensor that did not drop out
 PLAINLY: dict[str, Callable[[Any], bool]] = {
     "position": plain,
@@ -273,13 +272,7 @@ class Live(Measured):
                 refuse(f"measured[{k}], axis", parts[-1], "must not be zero")
             told["axis"] = axis / size
         if rotation is not None:
-            off = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - EYE)
-            if not off.max() <= TURNED and (off > TURNED).any():  # the maximum may be NaN
-                refuse(
-                    f"measured[{k}], rotation",
-                    parts[-1],
-                    f"must be a rotation: R R^T is off the identity by {np.nanmax(off):.2g}",
-                )
+            refuse_turn(f"measured[{k}], rotation", parts[-1], rotation)
         own = replace(self._posed(k), whitening=self._whitening[k])
         rows, known = _filled(replace(own, position=told["position"], rotation=told["rotation"], axis=told["axis"]))
         for name in names:
