@@ -105,6 +105,17 @@ def test_loops_and_segments_take_it(pair):
     np.testing.assert_array_equal(*cut)
 
 
+def test_what_a_graph_does_not_know_of_segments_is_not_told():
+    """Derivatives by what acts on single rods are told by the graph, which has none."""
+    robot = network()
+    hard = np.array([300, 0, 30]) * 0.2233 / 0.4**2
+    found = solved(robot, mr.MultipleShooting(), force=hard)
+    assert found.status is mr.Status.MULTIPLE_SHOOTING
+    assert np.isfinite(found.jacobian("force")).all()
+    for name in ("rod_force", "joint_pose", "base"):
+        assert np.isnan(found.jacobian(name)).all()
+
+
 def test_what_one_solution_was_asked_is_not_taken_for_another():
     """Derivatives by what acts on single rods are told by a graph, whose problem is kept: its force at the base is of now."""
     robot = network()

@@ -11,7 +11,6 @@ from multirod.batch import solved_each
 from multirod.problem import BoundaryProblem
 from multirod.results.segment_system import pose_jacobian
 from multirod.rotations import cross_matrix
-from multirod.segments import Segments
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, frozen, meant, refuse, shown
 
@@ -210,15 +209,11 @@ def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int
         result = _eliminated(*_fixed(problem, names, rows), _gamma(problem))
         for k, points in problem.breakpoints.items():
             by_inputs = rows is _pose_rows and not any(name in solution.assembly.parameters for name in names)
-            result[k] = pose_jacobian(_segments(problem), k, points) if by_inputs else np.nan
+            told = by_inputs and problem.segments is not None  # not by what acts on single rods, which a graph tells
+            result[k] = pose_jacobian(problem.segments, k, points) if told else np.nan
         return (result,)
 
     return solution._masked(_gathered(solution, names, columns)[0], (*tail, count))
-
-
-def _segments(problem: BoundaryProblem) -> Segments:
-    assert problem.segments is not None  # as of all that is known by its breakpoints
-    return problem.segments
 
 
 def _eliminated(slopes: FloatArray, rows: FloatArray, gamma: FloatArray) -> FloatArray:
