@@ -69,6 +69,15 @@ def test_many_decay_lengths_are_followed_in_segments():
     np.testing.assert_allclose(np.hypot(*first.mode[[1, 3]]), 1)  # it bends about y
 
 
+@pytest.mark.parametrize("lengths", [20, 24, 25])
+def test_columns_of_any_length_are_followed_from_no_load(lengths):
+    """A strip that hardly bends one way amplifies less than one that bends both: ``Gamma`` is 1e6 to 3e7 where it begins."""
+    k, wide = EI * (lengths / LENGTH) ** 4, 25 * EI
+    robot = strip((k, k, 0.0), bending_stiffness=(wide, EI))
+    (first,) = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -np.sqrt(k * EI))))
+    assert first.load_factor == pytest.approx(1, rel=1e-8)  # exp(-28) is left
+
+
 def test_segments_tell_what_an_integration_from_the_base_does(monkeypatch):
     """Of a strip that is bent at rest, where it buckles out of its plane."""
     robot = strip((60.0, 40.0, 20.0), precurvature=(3.0, 0.0, 0.0))

@@ -19,7 +19,7 @@ from multirod.validation import FloatArray
 DIFFERENCE = 1e-4  # turn by which differences are taken [rad], which leaves 1e-9 of them
 ITERATIONS = 30  # of Newton's method from the first equilibrium to its segments
 UNLIMITED = 2**31 - 1
-AMPLIFIED = 3e7  # norm of Gamma where a branch begins, beyond which it is followed in segments where there are such
+AMPLIFIED = 3e6  # norm of Gamma where a branch begins, beyond which it is followed in segments where there are such
 
 
 def equations_of(
