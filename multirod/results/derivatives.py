@@ -209,8 +209,8 @@ def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int
         result = _eliminated(*_fixed(problem, names, rows), _gamma(problem))
         for k, points in problem.breakpoints.items():
             by_inputs = rows is _pose_rows and not any(name in solution.assembly.parameters for name in names)
-            told = by_inputs and problem.segments is not None  # not by what acts on single rods, which a graph tells
-            result[k] = pose_jacobian(problem.segments, k, points) if told else np.nan
+            segments = problem.segments if by_inputs else None  # a graph has none, which tells what acts on single rods
+            result[k] = np.nan if segments is None else pose_jacobian(segments, k, points)
         return (result,)
 
     return solution._masked(_gathered(solution, names, columns)[0], (*tail, count))
