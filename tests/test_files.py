@@ -143,6 +143,7 @@ ROBOTS = {
         end_effector=("plate", "tool"),
     ),
     "network in a batch": lambda: network(base=[TURNED, np.eye(4)]),
+    "network of tubes": lambda: network(rod=mr.ConcentricTubes(TUBES)),
 }
 
 

@@ -122,3 +122,18 @@ def test_what_one_solution_was_asked_is_not_taken_for_another():
     for given in ({"force": FORCE, **GIVEN}, {"force": (0.9, 0.4, -0.7), **GIVEN}):
         kept, anew = (solved(own, **given).jacobian("rod_force") for own in (robot, network()))
         np.testing.assert_array_equal(kept, anew)  # the same code on the same numbers
+
+
+def test_a_tube_is_read_from_a_file_as_one(tmp_path):
+    """A tube that is pushed back twists behind the plate, a rod does not."""
+    tube = mr.ConcentricTubes([WIRE])
+    robot = mr.Network(rods={"tube": tube}, joints=[mr.Joint("tube", "base", to=mr.ground)], end_effector="tube")
+    given = {"translation": -0.1, "force": FORCE, "moment": MOMENT}
+    found = solved(robot, **given)
+    other = solved(mr.SingleRod(WIRE), translation=-0.1, tip_force=FORCE, tip_moment=MOMENT)
+    assert np.linalg.norm(found.tip_position - other.tip_position) > 1e-3  # what a rod would be off by
+    found.save(tmp_path / "found.npz")
+    robot.save(tmp_path / "robot.toml")
+    for again in (mr.load(tmp_path / "found.npz"), solved(mr.load(tmp_path / "robot.toml"), **given)):
+        for one, by in ((again.tip_position, found.tip_position), (again.jacobian("force"), found.jacobian("force"))):
+            np.testing.assert_array_equal(one, by)

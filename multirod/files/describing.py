@@ -41,13 +41,16 @@ def described(thing: object, where: str, *, functions: bool) -> dict[str, Any]:
     for name, (value, default) in arguments.items():
         field = f"{where}.{name}"
         if name in parts:
-            single = [value] if not parts[name].many else value
+            part = parts[name]
+            single = [value] if not part.many else value.values() if part.mapping else value
             tables = [
-                _unnamed(described(item, f"{field}[{k}]" if parts[name].many else field, functions=functions), parts[name])
+                _unnamed(described(item, f"{field}[{k}]" if part.many else field, functions=functions), part)
                 for k, item in enumerate(single)
             ]
+            if part.mapping:
+                tables = [{"name": own} | table for own, table in zip(value, tables, strict=True)]
             if tables:
-                result[name] = tables if parts[name].many else tables[0]
+                result[name] = tables if part.many else tables[0]
         elif name in ("members", "loads") and value:
             refuse(field, list(value), f"a file holds only the lines of multirod itself, and no {name} of other classes")
         else:

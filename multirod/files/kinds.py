@@ -19,6 +19,7 @@ from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.assemblies.single_rod import SingleRod
+from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.members.line_kinds import (
     Chamber,
     DisplacedTendon,
@@ -99,11 +100,13 @@ class Part:
         kinds: What it may be.
         many: Whether it is a list.
         named: Whether its table has to say its kind; otherwise the first of these is meant.
+        mapping: Whether it is a mapping of names, each a ``name`` in its table, beside the arguments.
     """
 
     kinds: tuple[str, ...]
     many: bool = True
     named: bool = False
+    mapping: bool = False
 
 
 PARTS: dict[str, dict[str, Part]] = {
@@ -114,7 +117,11 @@ PARTS: dict[str, dict[str, Part]] = {
     "ParallelRods": {"legs": Part(("Rod", "ConcentricTubes"))},
     "InverseParallelRods": {"robot": Part(("ParallelRods",), many=False)},
     "HeldRod": {"rod": Part(("Rod",), many=False)},
-    "Network": {"rods": Part(("Rod",)), "bodies": Part(("Body",)), "joints": Part(("Joint",))},
+    "Network": {
+        "rods": Part(("Rod", "ConcentricTubes"), mapping=True),
+        "bodies": Part(("Body",)),
+        "joints": Part(("Joint",)),
+    },
 }
 
 
@@ -154,6 +161,12 @@ def _end_effector(robot: Network) -> str | list[str]:
     return robot.end_effector if isinstance(robot.end_effector, str) else list(robot.end_effector)
 
 
+def _rods(robot: Network) -> dict[str, Rod | BackboneAssembly]:
+    """As they were given."""
+    given = zip(robot.graph.whole_names, robot.graph.whole, strict=True)
+    return {name: rod.rods[0] if isinstance(rod, SingleRod) else rod for name, rod in given}
+
+
 def _rest(joint: Joint) -> FloatArray | float | None:
     """None where it is the default."""
     return _each(joint, joint.rest) if joint.rest.any() and (joint.rest != joint.at).any() else None
@@ -173,7 +186,7 @@ READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
         "platform_centre": lambda robot: robot.geometry.mass_centre,
     },
     "HeldRod": {"rod": lambda robot: robot.rods[0]},
-    "Network": {"end_effector": _end_effector},
+    "Network": {"rods": _rods, "end_effector": _end_effector},
     "Body": {"frames": lambda body: body.frames or None},
     "Joint": {
         "to": lambda joint: joint.to.name,

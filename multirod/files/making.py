@@ -10,7 +10,6 @@ from multirod.models.assemblies.network import Network
 from multirod.models.network.joining.bodies import ground
 from multirod.models.network.joining.joints import Joint
 from multirod.profile import Profile
-from multirod.rod import Rod
 from multirod.validation import Described, choice, refuse
 
 
@@ -54,12 +53,7 @@ def made(table: object, part: Part, where: str) -> Any:  # noqa: ANN401  (of any
 
 
 def _network(given: dict[str, Any]) -> Network:
-    """A network from its rods, which have their names, its bodies, and the arguments of its joints."""
-    rods: dict[str, Rod] = {}
-    for k, rod in enumerate(given["rods"]):
-        if not rod.name or rod.name in rods:
-            refuse(f"rods[{k}].name", rod.name, "each rod of a Network needs a name of its own")
-        rods[rod.name] = rod
+    """A network from its rods by name, its bodies, and the arguments of its joints."""
     bodies = {body.name: body for body in given.get("bodies", ())}
     holders = {ground.name: ground, **bodies}
     joints = []
@@ -69,7 +63,7 @@ def _network(given: dict[str, Any]) -> Network:
             joints.append(Joint(**{**arguments, "to": to}))
         except (TypeError, ValueError) as error:
             raise ValueError(f"joints[{k}]: {error}") from error
-    return Network(**{**given, "rods": rods, "bodies": list(given.get("bodies", ())), "joints": joints})
+    return Network(**{**given, "bodies": list(given.get("bodies", ())), "joints": joints})
 
 
 def at(where: str, name: str) -> str:
@@ -84,7 +78,24 @@ def _argument(value: object, part: Part | None, where: str) -> object:
         return made(value, part, where)
     if not isinstance(value, list):
         refuse(where, value, f"must be a list of tables, [[{where.rpartition(': ')[2]}]]")
-    return [made(item, part, f"{where}[{k}]") for k, item in enumerate(value)]
+    names = _names(value, where) if part.mapping else []
+    if names:
+        value = [{name: own for name, own in item.items() if name != "name"} for item in value]
+    found = [made(item, part, f"{where}[{k}]") for k, item in enumerate(value)]
+    return dict(zip(names, found, strict=True)) if part.mapping else found
+
+
+def _names(tables: list[Any], where: str) -> list[str]:
+    """Of each table its own."""
+    names: list[str] = []
+    for k, table in enumerate(tables):
+        if not isinstance(table, dict):
+            refuse(f"{where}[{k}]", table, "must be a table")
+        name = table.get("name", "")
+        if not isinstance(name, str) or not name or name in names:
+            refuse(f"{where}[{k}].name", name, "each needs a name of its own")
+        names.append(name)
+    return names
 
 
 def _meant_as_pair(value: object) -> object:
