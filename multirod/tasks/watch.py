@@ -10,10 +10,12 @@ from multirod.batch import IntArray
 from multirod.kernels.shared import Shared
 from multirod.stability import Stability, modes_of
 from multirod.tasks.formulation import Task
-from multirod.tasks.watch_kernels import SURE, UNTOLD, Watched
+from multirod.tasks.watch_kernels import ELSE_COMPARE, SURE, UNTOLD, Watched
 from multirod.validation import FloatArray
 
-MOST_OFF = 0.95  # (17b) left side of (17) that growth is told by: beyond, ``Gamma`` may as well have grown
+PROBED = 1e-2  # (17c) in units (9): steps of differences of ``Gamma``, which its second order is part of
+LEAST_GROWN = 0.1  # (17c) of the fastest growth: a direction without any to first order may have some to second
+LEAST_GONE = 1e-3  # (17d) way, in units (9), that tells how ``Gamma`` varies
 BALANCING = 6  # passes of scales, after which they stay as they are to some per cent
 
 
@@ -35,13 +37,16 @@ class Watch:
         count, n = problem.instance_count, problem.unknown_count
         self.state: Any = Watched()
         self.state.on = int(problem.stability is not None)
-        sizes = {"anchor": (n, n), "inverse": (n, n), "scale": (n,), "room": (1, n), "path": (5,)}
-        sizes |= dict.fromkeys(("anchored", "place"), (n + task.count,))
+        sizes = {"anchor": (n, n), "inverse": (n, n), "scale": (n,), "room": (1, n), "compared": (2,)}
+        sizes |= dict.fromkeys(("growth", "place", "here", "command"), (task.count,))
         self._shared = {name: Shared((count, *size), wp.float64, problem.device) for name, size in sizes.items()}
         for name, each in self._shared.items():
             setattr(self.state, name, each.array)
         self._shared["inverse"].write(np.nan)
         self._scaled = np.zeros(count, dtype=bool)
+        self._slopes = np.zeros((count, task.count, n, n))  # (17c) of ``Gamma`` by what is free, in units (9)
+        self._anchored = np.zeros((count, task.count))  # what is free at ``anchor``, in units (9)
+        self._others = np.zeros((count, problem.input_count))  # and what is not
 
     def gamma(self) -> FloatArray:
         """Of the last integration, shape (b, n, n)."""
@@ -49,50 +54,60 @@ class Watch:
         return np.asarray(self._problem.read("gamma").reshape(-1, n, n))
 
     def near(self, rows: IntArray, gamma: FloatArray) -> NDArray[np.bool_]:
-        """(17) Which of some instances cannot have lost a mode at ``gamma`` (k, n, n), shape (k,)."""
+        """(17) Which of some instances cannot have lost a mode at ``gamma`` (k, n, n), where the problem is, shape (k,)."""
         anchor, inverse, scale = (self._shared[name].values[rows] for name in ("anchor", "inverse", "scale"))
-        path = self._shared["path"]
-        path.fetch()
         with np.errstate(invalid="ignore", over="ignore"):
             off = inverse.swapaxes(1, 2) @ (gamma - anchor) * scale[:, None]
-            path.values[rows, 2] = np.sqrt((off * off).sum(axis=(1, 2)))
-        path.values[rows, 1] = path.values[rows, 0]
-        path.send()
-        self._stand(rows)
-        return np.asarray(path.values[rows, 2] < SURE)
+            found = np.sqrt((off * off).sum(axis=(1, 2)))
+        self._stand(rows, found)
+        return np.asarray(found < SURE)
 
     def begin(self, rows: IntArray, gamma: FloatArray) -> None:
-        """Some instances stand at a place that is stable, as far as can be said, with ``gamma`` (k, n, n)."""
-        path = self._shared["path"]
-        path.fetch()
-        path.values[rows] = 0.0
-        path.values[rows, 3] = UNTOLD
-        path.send()
-        self._stand(rows)
+        """Some instances stand at a place that is stable, as far as can be said, with ``gamma`` (k, n, n): (17c) is found there by
+        an integration for each freed number, and the problem is where it was."""
+        task, chosen = self._task, np.zeros(self._problem.instance_count, dtype=bool)
+        chosen[rows] = True
+        if not len(rows):
+            return
+        x, p = np.array(self._problem.read("unknowns")), task.values()
+        by = np.zeros((*x.shape, task.count))
+        by[rows] = task.last(rows).eliminated[1]
+        for j, unit in enumerate(self._unit):
+            step = np.zeros(task.count)
+            step[j] = PROBED * unit
+            self._slopes[rows, j] = (task.evaluate(x + by @ step, p + step, chosen).gamma - gamma) / PROBED
+        task.write(x, p)
+        self._stand(rows, 0.0)
+        self._anchored[rows], self._others[rows] = np.nan, np.nan  # no way led here
         self.keep(rows, gamma)
 
-    def _stand(self, rows: IntArray) -> None:
-        """Some instances are where the problem is."""
-        place = self._shared["place"]
+    def _stand(self, rows: IntArray, off: FloatArray | float) -> None:
+        """Some instances are compared where the problem is, and are so far ``off`` there."""
+        place, compared = self._shared["place"], self._shared["compared"]
         place.fetch()
-        unknowns = self._problem.read("unknowns") / self._problem.curvature_scale()[:, None]
-        place.values[rows] = np.concatenate([unknowns, self._task.values() / self._unit], axis=1)[rows]
+        compared.fetch()
+        place.values[rows] = self._task.values()[rows] / self._unit
+        compared.values[rows, 0], compared.values[rows, 1] = off, 0.0
         place.send()
+        compared.send()
 
     def keep(self, rows: IntArray, gamma: FloatArray) -> None:
         """Some instances are stable at ``gamma`` (k, n, n), that of the last comparison, as far as can be said; one that is
         singular is no place to go by."""
-        anchor, inverse, scale, path = (self._shared[name] for name in ("anchor", "inverse", "scale", "path"))
-        anchored, place = self._shared["anchored"], self._shared["place"]
-        path.fetch()
+        anchor, inverse, scale, compared = (self._shared[name] for name in ("anchor", "inverse", "scale", "compared"))
+        growth, place = self._shared["growth"], self._shared["place"]
+        compared.fetch()
         place.fetch()
-        anchored.values[rows] = place.values[rows]
-        gone, compared, off, growth, _ = path.values[rows].T
-        # (17b): nearer to where it is singular, the same change is more of what is left
-        left = 1 - np.fmin(off, MOST_OFF)
-        path.values[rows] = 0.0
-        path.values[rows, 0], path.values[rows, 3] = np.fmax(gone - compared, 0.0), growth / left
+        compared.values[rows, 0] = 0.0
+        others = self._problem.read("inputs")
+        others[:, self._task.places] = 0.0
         for row, own in zip(rows.tolist(), gamma, strict=True):
+            gone = place.values[row] - self._anchored[row]
+            if np.abs(gone).max() > LEAST_GONE and (others[row] == self._others[row]).all():
+                # (17d): they are right along the way that was gone
+                left = own - anchor.values[row] - np.tensordot(gone, self._slopes[row], 1)
+                self._slopes[row] += gone[:, None, None] * (left / (gone @ gone))
+            self._anchored[row], self._others[row] = place.values[row], others[row]
             anchor.values[row], inverse.values[row] = own, np.nan
             if not np.isfinite(own).all():
                 continue
@@ -103,22 +118,18 @@ class Watch:
             if not self._scaled[row]:
                 scale.values[row], self._scaled[row] = _balance(np.abs(back) @ np.abs(own)), True
             inverse.values[row] = back.T / scale.values[row]
-        for each in (anchor, inverse, scale, path, anchored):
+            off = inverse.values[row].T @ self._slopes[row] * scale.values[row]
+            grown = np.nan_to_num(np.sqrt((off * off).sum(axis=(1, 2))), nan=UNTOLD)
+            growth.values[row] = np.fmax(grown, LEAST_GROWN * grown.max())
+        for each in (anchor, inverse, scale, compared, growth):
             each.send()
 
     def compare(self) -> None:
         """The next sample, however short its way: something else has changed."""
-        path = self._shared["path"]
-        path.fetch()
-        path.values[:, 1] = -np.inf
-        path.send()
-
-    def back(self) -> None:
-        """The last sample is taken back: the next starts from the command before it."""
-        path = self._shared["path"]
-        path.fetch()
-        path.values[:, 0], path.values[:, 1] = path.values[:, 4], -np.inf
-        path.send()
+        compared = self._shared["compared"]
+        compared.fetch()
+        compared.values[:, 1] = ELSE_COMPARE
+        compared.send()
 
     def unstable(self, rows: IntArray) -> NDArray[np.bool_]:
         """Which of some instances are not stable at the problem's unknowns, as far as that can be said, shape (k,)."""

@@ -10,9 +10,9 @@ REFERENCE_KEPT = 0.4  # left side of (17), up to which the matrix that samples a
 SURE = 0.8  # up to which no mode was lost; at 1 one may be: the rest is for what a sample's correction adds
 FAR = 0.1  # correction, of unknowns in scales of curvature, of values in units (9), that takes a sample where Gamma is not known;
 # and the way of samples in a row that need not be compared, where (17) grows as it did
-FASTER = 3.0  # (17b) than it did until the last comparison
-UNTOLD = 25.0  # (17b) how fast it grows before anything is known: a step of 0.01 is looked at
-STANDING = 1e-9  # distance that says nothing of it
+FASTER = 3.0  # (17b) than (17c) has it
+UNTOLD = 25.0  # (17b) how fast it grows, at least, where unknowns move by themselves: by 0.01 in scales of curvature is looked at
+ELSE_COMPARE = 1.0  # something else has changed: the next sample is compared
 
 # what has to be done about a sample: nothing; compare the next ones with it; look whether it is stable
 NOTHING, NEXT, LOOK = 0, 1, 2
@@ -27,12 +27,12 @@ class Watched:
     inverse: wp.array3d[wp.float64]  # S^-1 of its inverse, transposed; NaN where none is known
     scale: wp.array2d[wp.float64]  # S, (instance, n)
     room: wp.array3d[wp.float64]  # (instance, 1, n)
-    # gone since then, in the units of FAR: to the last command, to the last place that was compared; the left side of (17) there;
-    # its growth on the way; to the command before the last
-    path: wp.array2d[wp.float64]
-    # unknowns and values in the units of FAR, (instance, n + k): where Gamma was last known to be stable, and of the last sample
-    anchored: wp.array2d[wp.float64]
+    compared: wp.array2d[wp.float64]  # (instance, 2): the left side of (17) at ``place``; whether the next sample is compared
+    growth: wp.array2d[wp.float64]  # (17c), (instance, k)
+    # what is free in units (9), (instance, k): where it was compared, of this sample's integration, of its command
     place: wp.array2d[wp.float64]
+    here: wp.array2d[wp.float64]
+    command: wp.array2d[wp.float64]
 
 
 OFF = """
@@ -71,39 +71,46 @@ def far_off(
 
 
 @wp.func(inline=False)
-def stand(w: Watched, task: Condensed, t: int, curvature: f64, unit: wp.array[wp.float64]):
+def stand(w: Watched, task: Condensed, t: int, unit: wp.array[wp.float64]):
     """Where the integration of a sample was."""
-    n = task.unknowns.shape[1]
-    for i in range(n):
-        w.place[t, i] = task.unknowns[t, i] / curvature
     for j in range(unit.shape[0]):
-        w.place[t, n + j] = task.inputs[t, task.places[j]] / unit[j]
+        w.here[t, j] = task.inputs[t, task.places[j]] / unit[j]
+
+
+@wp.func
+def grows(w: Watched, t: int, place: wp.array2d[wp.float64], aside: f64) -> f64:
+    """(17b) By how much the left side of (17) may grow from a place to the command, the unknowns ``aside`` by themselves."""
+    most = f64(wp.static(UNTOLD))
+    total = f64(0.0)
+    for j in range(place.shape[1]):
+        total += w.growth[t, j] * wp.abs(w.command[t, j] - place[t, j])
+        most = wp.max(most, w.growth[t, j])
+    return f64(wp.static(FASTER)) * (total + most * aside)
 
 
 @wp.func(inline=False)
-def strayed(w: Watched, gamma: wp.array3d[wp.float64], t: int, foreseen: f64, gone: f64, always: bool) -> int:
-    """(17), (17b) Whether a mode may be lost on the way to a sample's command. ``Gamma`` is that of a place ``foreseen`` away
-    from the last command, where ``stand`` says; the new one is ``gone`` farther. ``always``: compare, however short the way."""
+def strayed(w: Watched, task: Condensed, t: int, curvature: f64, always: bool) -> int:
+    """(17), (17b) Whether a mode may be lost on the way to a sample's ``command``. ``Gamma`` is that of the place where ``stand``
+    says. ``always``: compare, however short the way."""
     if w.on == 0:
         return wp.static(NOTHING)
     if not wp.isfinite(w.inverse[t, 0, 0]):
         return wp.static(LOOK)
-    w.path[t, 4] = w.path[t, 0]
-    here = w.path[t, 0] + foreseen
-    w.path[t, 0] = here + gone
-    ahead = w.path[t, 0] - w.path[t, 1]
-    if not always and ahead < f64(wp.static(FAR)):
-        if w.path[t, 2] + f64(wp.static(FASTER)) * w.path[t, 3] * ahead < f64(wp.static(REFERENCE_KEPT)):
+    aside = f64(0.0)
+    for i in range(task.gamma.shape[1]):
+        aside = wp.max(aside, wp.abs(task.shift[t, i, 0]) / curvature)
+    ahead = f64(0.0)
+    for j in range(w.place.shape[1]):
+        ahead = wp.max(ahead, wp.abs(w.command[t, j] - w.place[t, j]))
+    if not always and w.compared[t, 1] == f64(0.0) and ahead < f64(wp.static(FAR)):
+        if w.compared[t, 0] + grows(w, t, w.place, aside) < f64(wp.static(REFERENCE_KEPT)):
             return wp.static(NOTHING)
-    far_off(gamma, w.anchor, w.inverse, w.scale, w.room, t, f64(wp.static(SURE * SURE)))
+    far_off(task.gamma, w.anchor, w.inverse, w.scale, w.room, t, f64(wp.static(SURE * SURE)))
     found = wp.sqrt(w.room[t, 0, 0])
-    w.path[t, 1] = here
-    w.path[t, 2] = found
-    apart = f64(0.0)  # to and fro is no way that tells how fast it grows
-    for i in range(w.place.shape[1]):
-        apart = wp.max(apart, wp.abs(w.place[t, i] - w.anchored[t, i]))
-    if apart > f64(wp.static(STANDING)):
-        w.path[t, 3] = found / apart
-    if not found + f64(wp.static(FASTER)) * w.path[t, 3] * gone < f64(wp.static(SURE)):
+    w.compared[t, 0] = found
+    w.compared[t, 1] = f64(0.0)
+    for j in range(w.place.shape[1]):
+        w.place[t, j] = w.here[t, j]
+    if not found + grows(w, t, w.here, aside) < f64(wp.static(SURE)):
         return wp.static(LOOK)
     return wp.where(found < f64(wp.static(REFERENCE_KEPT)), wp.static(NOTHING), wp.static(NEXT))

@@ -69,7 +69,7 @@ class ControlStep:
         kept |= dict.fromkeys(("tip_position", "last_position", "last_axis"), ((), wp.vec3d))
         kept |= dict.fromkeys(("tip_rotation", "last_rotation"), ((), wp.mat33d))
         kept |= {"has_tip": ((), wp.int32), "last_kind": ((), wp.vec3i), "begun": ((), wp.float64), "status": ((), wp.int32)}
-        kept |= {"foreseen": ((), wp.float64), "doubt": ((), wp.int32), "before_tip": ((), wp.int32)}
+        kept |= {"doubt": ((), wp.int32), "before_tip": ((), wp.int32)}
         kept |= {"before_position": ((), wp.vec3d), "before_rotation": ((), wp.mat33d)}
         sizes = {"before_unknowns": problem.unknown_count, "before_values": task.count}
         sizes |= {"good_unknowns": problem.unknown_count, "good_values": task.count, "values": task.count}
@@ -132,9 +132,9 @@ class ControlStep:
         names |= {"tip_position": "position", "tip_rotation": "rotation", "has_tip": "tip"}
         for name, before in names.items():
             kept[name].assign(kept[f"before_{before}"])
-        for name in ("last_kind", "motion", "foreseen"):
+        for name in ("last_kind", "motion"):
             kept[name].zero_()
-        self._watch.back()
+        self._watch.compare()
         values = kept["good_values"].numpy()
         self._whole.write(kept["good_unknowns"].numpy(), values)
         told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
@@ -173,7 +173,7 @@ class ControlStep:
         for name, field in names.items():
             kept[name].assign(record[:, fields[field]].reshape(kept[name].numpy().shape))
         kept["good_values"].assign(values)
-        for name in ("last_kind", "motion", "foreseen"):
+        for name in ("last_kind", "motion"):
             kept[name].zero_()
         self._whole.write(record[:, fields["unknowns"]], values)
         told[SINGULAR], told[FREE : FREE + k], told[FREE + 8 * k :] = 0.0, values[0], 0.0

@@ -208,7 +208,6 @@ def fail(s: Control, t: int):
         s.values[t, j] = s.good_values[t, j]
         s.task.inputs[t, s.task.places[j]] = s.values[t, j]
     s.last_kind[t] = wp.vec3i()
-    s.foreseen[t] = f64(0.0)
     s.motion[t, 0] = wp.vec3d()
     s.motion[t, 1] = wp.vec3d()
 
@@ -247,12 +246,14 @@ def make_control():
             if s.told[t, wp.static(HELD)] != f64(0.0):
                 status = wp.static(int(Status.AT_LIMIT))
             if s.watched.on != 0:
-                stand(s.watched, s.task, t, s.curvature, s.unit)
+                stand(s.watched, s.task, t, s.unit)
             gone = place_start(s, t, True)
-            s.doubt[t] = strayed(s.watched, s.task.gamma, t, s.foreseen[t], gone, False)
+            if s.watched.on != 0:
+                for j in range(k):
+                    s.watched.command[t, j] = s.values[t, j] / s.unit[j]
+            s.doubt[t] = strayed(s.watched, s.task, t, s.curvature, False)
             if gone > f64(wp.static(FAR)) and s.watched.on != 0:
                 s.doubt[t] = wp.static(LOOK)
-            s.foreseen[t] = f64(0.0)
             keep_before(s, t)
             move_tip(s, t)
             keep_record(s, t)
@@ -264,7 +265,7 @@ def make_control():
                 for i in range(s.ahead.shape[1]):
                     s.step.r[t, i] = s.ahead[t, i]
                 bounded(s, t, 1)
-                s.foreseen[t] = place_start(s, t, False)
+                place_start(s, t, False)
         for j in range(k):
             s.told[t, wp.static(FREE) + j] = s.good_values[t, j]
         s.status[t] = status

@@ -56,7 +56,6 @@ class Control:
     watched: Watched
     longest: wp.array[wp.float64]  # step of a sample, in units (9)
     curvature: wp.float64  # scale of unknowns [1/m], whose steps are told by it, those of values in units (9)
-    foreseen: wp.array[wp.float64]  # the way to the sample's place from the last command, likewise
     doubt: wp.array[int]  # what has to be done about the sample, as ``watch_kernels`` says
     # of the sample before, for one that turns out not to be stable
     before_unknowns: wp.array2d[wp.float64]

@@ -258,9 +258,12 @@ def look(s: Filter, t: int) -> int:
         far = wp.max(far, wp.abs(s.unknowns[t, i] - s.task.unknowns[t, i]) / s.curvature[t])
     for j in range(s.unit.shape[0]):
         far = wp.max(far, wp.abs(s.sides[t, j, 0]) / s.unit[j])
-    stand(s.watched, s.task, t, s.curvature[t], s.unit)
+    if s.watched.on != 0:
+        stand(s.watched, s.task, t, s.unit)
+        for j in range(s.unit.shape[0]):
+            s.watched.command[t, j] = (s.mean[t, j] + s.sides[t, j, 0]) / s.unit[j]
     # inputs that are not estimated change too: each is compared
-    found = strayed(s.watched, s.task.gamma, t, f64(0.0), far, True)
+    found = strayed(s.watched, s.task, t, s.curvature[t], True)
     return wp.where(far > f64(wp.static(FAR)) and s.watched.on != 0, wp.static(LOOK), found)
 
 
