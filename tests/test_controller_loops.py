@@ -5,6 +5,7 @@ import pytest
 from observer_scenes import three_tubes
 
 import multirod as mr
+from multirod.rotations import matrices
 
 STEPS = mr.RK4(30)
 TUBES, MOTION = three_tubes()
@@ -104,3 +105,29 @@ def test_a_column_that_trembled_for_long_is_not_led_beyond_where_it_buckles(ampl
     for _ in range(30):
         command = loop.step(position=(0, 0, buckles + 2e-3))
         assert command.failed or 0.6 + command.inputs.translation[0] < buckles
+
+
+@pytest.mark.parametrize("near", [1e-2, 1e-3, 2e-4])
+@pytest.mark.parametrize("turn", [1e-3, 5e-2])
+@pytest.mark.parametrize("beyond", [1e-4, 5e-3])
+def test_a_column_that_was_turned_for_long_is_not_pushed_beyond_where_it_buckles(near, turn, beyond):
+    """(17b): turned about its axis it stays as it is, and ``Gamma`` too, which says nothing of its being pushed."""
+    force = 2.204  # N
+    buckles = np.pi / 2 * np.sqrt(0.2233 / force)
+    robot = mr.SingleRod(mr.Rod(length=0.6, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    still = robot.inputs(rotation=0.0, translation=buckles - near - 0.6, tip_force=(0, 0, -force))
+    loop = mr.Controller(robot, dt=0.01, free=("rotation", "translation"), inputs=still, integrator=STEPS)
+    looked = 0
+    for angle in turn * np.arange(1, 41):
+        turned = matrices(np.array([[0, 0, angle]]))[0]
+        command = loop.step(position=(0, 0, buckles - near), rotation=turned)
+        assert command.status is mr.Status.TRACKING
+        looked += int(command.integrations) - 1
+    assert looked <= 3  # of the first, whose motion nobody foresaw: as it turns no mode is lost
+    for _ in range(10):
+        command = loop.step(position=(0, 0, buckles + beyond), rotation=turned)
+        if not command.failed:
+            assert 0.6 + command.inputs.translation[0] < buckles
+            there = mr.solve(robot, command.inputs, solver=mr.Shooting(integrator=STEPS), guess=command)
+            assert there.stability is mr.Stability.STABLE
+    assert loop.step(position=(0, 0, buckles - near), rotation=turned).status is mr.Status.TRACKING

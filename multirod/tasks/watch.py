@@ -38,7 +38,7 @@ class Watch:
         self.state: Any = Watched()
         self.state.on = int(problem.stability is not None)
         sizes = {"anchor": (n, n), "inverse": (n, n), "scale": (n,), "room": (1, n), "compared": (2,)}
-        sizes |= dict.fromkeys(("growth", "place", "here", "command"), (task.count,))
+        sizes |= dict.fromkeys(("place", "here", "command"), (task.count,)) | {"growth": (task.count, task.count), "least": (2,)}
         self._shared = {name: Shared((count, *size), wp.float64, problem.device) for name, size in sizes.items()}
         for name, each in self._shared.items():
             setattr(self.state, name, each.array)
@@ -63,8 +63,8 @@ class Watch:
         return np.asarray(found < SURE)
 
     def begin(self, rows: IntArray, gamma: FloatArray) -> None:
-        """Some instances stand at a place that is stable, as far as can be said, with ``gamma`` (k, n, n): (17c) is found there by
-        an integration for each freed number, and the problem is where it was."""
+        """Some instances stand at a place that is stable, as far as can be said, with ``gamma`` (k, n, n). How it varies there is
+        found by an integration for each freed number; the problem is where it was."""
         task, chosen = self._task, np.zeros(self._problem.instance_count, dtype=bool)
         chosen[rows] = True
         if not len(rows):
@@ -95,7 +95,7 @@ class Watch:
         """Some instances are stable at ``gamma`` (k, n, n), that of the last comparison, as far as can be said; one that is
         singular is no place to go by."""
         anchor, inverse, scale, compared = (self._shared[name] for name in ("anchor", "inverse", "scale", "compared"))
-        growth, place = self._shared["growth"], self._shared["place"]
+        growth, least, place = (self._shared[name] for name in ("growth", "least", "place"))
         compared.fetch()
         place.fetch()
         compared.values[rows, 0] = 0.0
@@ -119,9 +119,12 @@ class Watch:
                 scale.values[row], self._scaled[row] = _balance(np.abs(back) @ np.abs(own)), True
             inverse.values[row] = back.T / scale.values[row]
             off = inverse.values[row].T @ self._slopes[row] * scale.values[row]
-            grown = np.nan_to_num(np.sqrt((off * off).sum(axis=(1, 2))), nan=UNTOLD)
-            growth.values[row] = np.fmax(grown, LEAST_GROWN * grown.max())
-        for each in (anchor, inverse, scale, compared, growth):
+            off = off.reshape(len(off), -1)
+            off[~np.isfinite(off).all(axis=1)] = UNTOLD / np.sqrt(off.shape[1])
+            growth.values[row] = off @ off.T
+            fastest = np.sqrt(growth.values[row].diagonal().max())
+            least.values[row] = LEAST_GROWN * fastest, max(UNTOLD, fastest)
+        for each in (anchor, inverse, scale, compared, growth, least):
             each.send()
 
     def compare(self) -> None:

@@ -28,7 +28,8 @@ class Watched:
     scale: wp.array2d[wp.float64]  # S, (instance, n)
     room: wp.array3d[wp.float64]  # (instance, 1, n)
     compared: wp.array2d[wp.float64]  # (instance, 2): the left side of (17) at ``place``; whether the next sample is compared
-    growth: wp.array2d[wp.float64]  # (17c), (instance, k)
+    growth: wp.array3d[wp.float64]  # (17c) Q, (instance, k, k)
+    least: wp.array2d[wp.float64]  # (17b) q and q_x, (instance, 2)
     # what is free in units (9), (instance, k): where it was compared, of this sample's integration, of its command
     place: wp.array2d[wp.float64]
     here: wp.array2d[wp.float64]
@@ -80,12 +81,15 @@ def stand(w: Watched, task: Condensed, t: int, unit: wp.array[wp.float64]):
 @wp.func
 def grows(w: Watched, t: int, place: wp.array2d[wp.float64], aside: f64) -> f64:
     """(17b) By how much the left side of (17) may grow from a place to the command, the unknowns ``aside`` by themselves."""
-    most = f64(wp.static(UNTOLD))
     total = f64(0.0)
-    for j in range(place.shape[1]):
-        total += w.growth[t, j] * wp.abs(w.command[t, j] - place[t, j])
-        most = wp.max(most, w.growth[t, j])
-    return f64(wp.static(FASTER)) * (total + most * aside)
+    far = f64(0.0)
+    for i in range(place.shape[1]):
+        step = w.command[t, i] - place[t, i]
+        far = wp.max(far, wp.abs(step))
+        for j in range(place.shape[1]):
+            total += step * w.growth[t, i, j] * (w.command[t, j] - place[t, j])
+    grown = wp.sqrt(wp.max(total, f64(0.0))) + w.least[t, 0] * far + w.least[t, 1] * aside
+    return f64(wp.static(FASTER)) * grown
 
 
 @wp.func(inline=False)

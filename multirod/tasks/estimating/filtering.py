@@ -290,7 +290,7 @@ class _FilterTrack(Track):
         begun = known.begun[chosen] != 0
         self._watch.begin(chosen[begun], gamma[begun])
         outcome.status[chosen], outcome.iterations[chosen] = ended.status, ended.iterations
-        outcome.integrations[chosen] = ended.integrations + 1
+        outcome.integrations[chosen] = ended.integrations + 1 + self.task.count * begun
 
 
 def _signs(gamma: FloatArray) -> FloatArray:
