@@ -131,3 +131,31 @@ def test_a_column_that_was_turned_for_long_is_not_pushed_beyond_where_it_buckles
             there = mr.solve(robot, command.inputs, solver=mr.Shooting(integrator=STEPS), guess=command)
             assert there.stability is mr.Stability.STABLE
     assert loop.step(position=(0, 0, buckles - near), rotation=turned).status is mr.Status.TRACKING
+
+
+def test_what_to_apply_where_a_sample_failed_is_the_last_good_command():
+    loop, _ = column()
+    good = [loop.step(position=(0, 0, z)) for z in (0.401, 0.402)]
+    for command in good:
+        np.testing.assert_array_equal(command.last_good.translation, command.inputs.translation)
+    for _ in range(2):
+        failed = loop.step(position=(0, 0, 0.41), tip_force=(0, 0, -20.0))
+        assert failed.status is mr.Status.UNSTABLE
+        np.testing.assert_array_equal(failed.last_good.translation, good[-1].inputs.translation)
+        np.testing.assert_array_equal(failed.last_good.tip_force, (0, 0, -20.0))
+
+
+def test_how_gamma_varies_is_learned_along_the_way():
+    """(17d): a column of 0.1 m hardly knows of buckling, where it began; along it ``Gamma`` of both modes goes as a cosine."""
+    force, unit = 2.204, 0.06  # N, (9) in m
+    k = np.sqrt(force / 0.2233)
+    robot = mr.SingleRod(mr.Rod(length=0.6, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    still = robot.inputs(translation=-0.5, tip_force=(0, 0, -force))
+    loop = mr.Controller(robot, dt=0.01, free="translation", inputs=still, integrator=STEPS)
+    for z in np.linspace(0.1, 0.49, 100):
+        assert loop.step(position=(0, 0, z)).status is mr.Status.TRACKING
+    watch = loop._watch
+    there = 0.6 + unit * watch._anchored[0, 0]
+    growth = np.sqrt(watch._shared["growth"].values[0, 0, 0])
+    # between two places that are compared it is that of the middle; at the start it was a third of what it is here
+    assert 0.75 < growth / (np.sqrt(2) * unit * k * np.tan(k * there)) < 1.05

@@ -142,6 +142,8 @@ def test_some_results_of_a_batch_say_what_they_said_in_it(start):
     np.testing.assert_array_equal(part.inputs.translation, batch.inputs.translation[1])
     np.testing.assert_array_equal(part[1].at_limit, batch.at_limit[1, 1])
     assert part[1].at_limit.any()
+    np.testing.assert_array_equal(part.target.position, away[1])
+    np.testing.assert_array_equal(part[1].target.position, away[1, 1])
     assert part[1].inputs.rotation.shape == (3,)
 
 

@@ -25,7 +25,8 @@ def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
 
     Returns:
         A ``Solution``, a ``History``, a robot or ``Inputs``, whatever the file holds. Results answer all that they did before
-        (``rod``, ``jacobian``, ``stability``), on the device that they were computed on, or the CPU where there is none such.
+        (``rod``, ``jacobian``, ``stability``), on the device that they were computed on, or the CPU where there is none such;
+        what ``reach`` and a ``Controller`` say beside is not in the file.
 
     Raises:
         FileNotFoundError: If there is no such file.

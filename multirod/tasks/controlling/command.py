@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Robot_co
+from multirod.inputs import Inputs
 from multirod.results.remarks import Remarks
 from multirod.results.solution import Solution
 from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, OFFSET, SINGULAR, TARGET
+from multirod.tasks.formulation import with_values
 from multirod.tasks.limits import LimitRows, told
 from multirod.types import Numbers
 from multirod.validation import FloatArray, frozen
@@ -32,6 +34,12 @@ class Command(Solution[Robot_co]):
     def free(self) -> tuple[str, ...]:
         """Names of the inputs that were chosen."""
         return self._free
+
+    @property
+    def last_good(self) -> Inputs:
+        """What is free as the last sample has it that did not fail, this one if it did not: for drives that need a command. All
+        else is as in this sample; whether the robot is stable under loads that have changed nobody has looked."""
+        return with_values(self.inputs, self._free, self._by_free(0)[0])
 
     @property
     def target_error(self) -> float:

@@ -1,6 +1,7 @@
 """What comes of a reach: a solution, and how near it came to its target. What it says beside is found when it is asked for."""
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +19,7 @@ from multirod.tasks.formulation import with_values
 from multirod.tasks.limits import LimitRows, told
 from multirod.tasks.rows import Pose
 from multirod.types import Index
-from multirod.validation import FloatArray
+from multirod.validation import FloatArray, frozen
 
 
 @dataclass(frozen=True)
@@ -190,6 +191,18 @@ class Reached(Solution[Robot_co]):
         numbers: Any = np.arange(len(self._records)).reshape(self.batch_shape)
         result = object.__new__(Reached)
         result.__dict__.update(plain.__dict__)
-        result._aim, result._chosen = self._aim, self._chosen
-        result._ends = self._ends.take(numbers[index].reshape(-1))
+        chosen = np.asarray(numbers[index])
+        result._aim = replace(self._aim, target=_of_some(self.target, self.batch_shape, chosen))
+        result._chosen, result._ends = self._chosen, self._ends.take(chosen.reshape(-1))
         return result
+
+
+def _of_some(target: Pose, batch_shape: tuple[int, ...], numbers: NDArray[np.intp]) -> Pose:
+    """That of some instances, by their numbers (...) in a batch to whose leading axes it broadcasts."""
+    result = copy(target)
+    for name in target.given:
+        value = getattr(target, name)
+        own = value.shape[-2:] if name == "rotation" else value.shape[-1:]
+        setattr(result, name, frozen(np.broadcast_to(value, (*batch_shape, *own)).reshape(-1, *own)[numbers]))
+    result.batch_shape = numbers.shape
+    return result
