@@ -227,6 +227,27 @@ def test_of_a_batch_places_are_those_of_each(bent):
     assert np.isnan(lost.along(0.2)).all()
 
 
+def test_places_along_some_of_a_batch_of_rods_are_on_these():
+    """Lengths that differ, and how far each rod is pushed out, are those of the instances asked, whatever their order."""
+    length, out = np.array([0.3, 0.4, 0.5]), np.array([0.0, 0.01, -0.15])
+
+    def pulled(length, out):
+        robot = mr.SingleRod(mr.Rod(length=length, bending_stiffness=0.2, torsional_stiffness=0.06, precurvature=(3, 0, 0)))
+        return mr.solve(robot, robot.inputs(translation=out, tip_force=(0.1, 0, 0)))
+
+    every = pulled(length, out)
+    backward = every[::-1]  # 0.35, 0.41 and 0.3 m reach out
+    np.testing.assert_array_equal(backward.along(0.29), every.along(0.29)[::-1])
+    for asked in (backward[:2], every[[1, 2]][::-1]):
+        np.testing.assert_array_equal(asked.along(0.34)[0], pulled(0.5, -0.15).along(0.34))
+        by_force = asked.jacobian("tip_force", of="position", at=0.34)
+        np.testing.assert_array_equal(by_force[1], pulled(0.4, 0.01).jacobian("tip_force", of="position", at=0.34))
+    assert every[1].along(0.4).shape == (3,)
+    for one, end in ((every[0], "0.3 m"), (every[1], "0.41 m"), (every[2], "0.35 m"), (backward, "0.3 m")):
+        with pytest.raises(ValueError, match=rf"^at = \[0.42\] .* <= {end}, where the rod ends$"):
+            one.along(0.42)
+
+
 def test_along_the_rods_of_a_batch_of_none():
     robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06))
     none = mr.solve(robot, robot.inputs(tip_force=np.zeros((2, 0, 3))))

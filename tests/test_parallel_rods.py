@@ -367,6 +367,19 @@ def test_the_inverse_problem_returns_no_unstable_equilibrium_from_a_guess(presse
     assert (motion.status == mr.Status.UNSTABLE).all()
 
 
+def test_translations_are_those_of_the_instances_at_hand():
+    """Legs of several lengths: some of their solutions, in another order, were read by the lengths of others."""
+    leg = mr.Rod(length=np.array([0.3, 0.33]), bending_stiffness=0.02, torsional_stiffness=0.015)
+    robot = hexapod(legs=[leg] * 6)
+    centre = mr.solve(robot).tip_position[0]
+    inverse = robot.inverse()
+    found = mr.solve(inverse, inverse.inputs(platform_position=centre)).raise_if_failed()
+    np.testing.assert_array_equal(inverse.translations(found[::-1]), inverse.translations(found)[::-1])
+    np.testing.assert_array_equal(inverse.translations(found[1]), inverse.translations(found)[1])
+    with pytest.raises(TypeError, match=r"takes a solution of an inverse problem; this is one of ParallelRods$"):
+        inverse.translations(mr.solve(robot))
+
+
 def test_the_inverse_problem_keeps_to_limits():
     robot = hexapod()
     centre = mr.solve(robot).tip_position

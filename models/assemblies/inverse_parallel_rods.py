@@ -112,8 +112,16 @@ class InverseParallelRods(Assembly):
         return InverseParallelRods(self.robot.with_rods(rods), limits=self.limits)
 
     def translations(self, solution: "Solution") -> FloatArray:
-        """Translation of each leg [m], shape (..., 6); NaN where the solution failed."""
-        length = self.geometry.scales()[0].reshape(*self.geometry.batch_shape, -1)[..., :-1]
+        """Translation of each leg [m], shape (..., 6); NaN where the solution failed.
+
+        Raises:
+            TypeError: If the solution is none of an inverse problem.
+        """
+        robot = solution.assembly
+        if not isinstance(robot, InverseParallelRods):
+            raise TypeError(f"translations() takes a solution of an inverse problem; this is one of {type(robot).__name__}")
+        lengths = robot.geometry.scales()[0].reshape(*robot.geometry.batch_shape, -1)[..., :-1]
+        length = solution._parameter(lengths, 1)  # of the instances at hand: a solution may hold some of a batch of robots
         return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])
 
     def translations_of(self, solution: "Solution") -> FloatArray:  # noqa: D102

@@ -160,20 +160,21 @@ def places_of(solution: "Solution[Any]", at: Numbers | None, rod: int) -> FloatA
     places = np.atleast_1d(array("at", at))
     if places.ndim != 1 or not places.size or (np.diff(places) <= 0).any():
         refuse("at", at, "must be one arclength or several, rising")
-    return places_on(solution.assembly, solution.assembly.translations_of(solution), places, rod)
+    sections = [[solution._parameter(section.length, 0) for section in own.sections] for own in solution.assembly.rods]
+    return places_on(sections, solution.assembly.translations_of(solution), places, rod)
 
 
-def places_on(assembly: "Assembly", translation: FloatArray, places: FloatArray, rod: int) -> FloatArray:
-    """Rising arclengths along a rod (count,), which must be on it: where a section ends, those just before it; all rods are
-    pushed out by ``translation`` (..., rod)."""
-    end = assembly.rods[rod].length + translation[..., rod]
+def places_on(sections: Sequence[Sequence[FloatArray]], translation: FloatArray, places: FloatArray, rod: int) -> FloatArray:
+    """Rising arclengths along a rod (count,), which must be on it: where a section ends, those just before it; of each rod the
+    lengths of its sections (...), of the instances that all rods are pushed out in by ``translation`` (..., rod)."""
+    end = sum(sections[rod], translation[..., rod])
     if places[0] <= 0 or (places[-1] > end * (1 + SINGULAR)).any():
         refuse("at", places.tolist(), f"must be > 0 and <= {float(np.min(end, initial=np.inf)):g} m, where the rod ends")
     gap = 1e-12 * float(np.max(end, initial=0.0))
     result = places.copy()
-    for k, other in enumerate(assembly.rods):
-        shape = np.broadcast_shapes(other.batch_shape, translation.shape[:-1])
-        ends = np.cumsum([np.broadcast_to(section.length, shape) for section in other.sections], axis=0)
+    for k, lengths in enumerate(sections):
+        shape = np.broadcast_shapes(translation.shape[:-1], *(length.shape for length in lengths))
+        ends = np.cumsum([np.broadcast_to(length, shape) for length in lengths], axis=0)
         ends = (ends + translation[..., k]).reshape(-1, 1)
         near = np.where(np.abs(ends - places) <= gap, ends - gap, np.inf).min(axis=0, initial=np.inf)
         result = np.minimum(result, near)

@@ -234,4 +234,4 @@ class Found(Generic[Robot_co]):
         if values.ndim == tail:
             return values
         rows = take(values, self._axes, self._instances, tail=tail)
-        return np.asarray(rows.reshape(*self.batch_shape, *values.shape[values.ndim - tail :]))
+        return np.asarray(rows.reshape((*self.batch_shape, *values.shape[values.ndim - tail :])))

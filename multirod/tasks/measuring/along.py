@@ -98,13 +98,14 @@ class Places:
 
     def __init__(self, robot: Assembly, inputs: Inputs, sensors: Sequence[Sensed]) -> None:
         every: dict[int, tuple[int, FloatArray]] = {}
+        sections = [[section.length for section in rod.sections] for rod in robot.rods]
         rods: dict[str, set[int]] = {"Curvature": set(), "Pose": set()}
         for sensor in sensors:
             if sensor.places is not None:
                 kind = type(sensor).__name__
                 rod = rod_index(f"{kind}.rod", robot, sensor.rod)
                 rods[kind].add(rod)
-                every[id(sensor)] = rod, places_on(robot, inputs.translation, sensor.places, rod)
+                every[id(sensor)] = rod, places_on(sections, inputs.translation, sensor.places, rod)
         self.bent, self.posed = (tuple(sorted(own)) for own in rods.values())
         self.at: FloatArray = np.unique(np.concatenate([np.zeros(0), *(at for _, at in every.values())]))
         self._found = {key: (rod, _followed(np.searchsorted(self.at, at))) for key, (rod, at) in every.items()}
