@@ -246,16 +246,16 @@ class Slopes:
         n, m = gamma.shape[-1], len(forces)
         fit = np.asarray(np.isfinite(both).all(axis=(1, 2)) & np.isfinite(gamma).all(axis=(1, 2)))
         inverse = inverses(np.where(fit[:, None, None], both, np.eye(n)))
-        with np.errstate(invalid="ignore", over="ignore"):  # of states far from any equilibrium
+        others = np.setdiff1d(np.arange(n), forces)
+        with np.errstate(invalid="ignore", over="ignore"):  # of states far from any equilibrium, which are not fit
             # of rows that are made as large: turns are by lengths, constraints have no unit
             square = n * ((both * both).sum(axis=2) * (inverse * inverse).sum(axis=1)).sum(axis=1)
-            fit &= (square * KEPT**2 <= 1) & np.isfinite(inverse[:, 0, 0])
-        others = np.setdiff1d(np.arange(n), forces)
-        A = points.unit[:, :, None] * gamma[:, forces] @ inverse[:, :, :m]
-        H = 0.5 * (A + A.swapaxes(1, 2))
-        back = (-inverse[:, :, m:] @ points.residual[:, others, None])[..., 0]
-        led = (gamma[:, forces] @ back[..., None])[..., 0]
-        gradient = points.unit * (points.residual[:, forces] + led)
+            A = points.unit[:, :, None] * gamma[:, forces] @ inverse[:, :, :m]
+            H = 0.5 * (A + A.swapaxes(1, 2))
+            back = (-inverse[:, :, m:] @ points.residual[:, others, None])[..., 0]
+            led = (gamma[:, forces] @ back[..., None])[..., 0]
+            gradient = points.unit * (points.residual[:, forces] + led)
+        fit &= (square * KEPT**2 <= 1) & np.isfinite(H).all(axis=(1, 2)) & np.isfinite(gradient).all(axis=1)
         if points.costless is not None:
             for k in np.flatnonzero(fit).tolist():
                 if (turn := points.point(k).turn) is not None:

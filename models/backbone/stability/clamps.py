@@ -97,6 +97,7 @@ class ClampedBackbones:
     def set_dim(self, count: int) -> None:
         """All instances are integrated, however few are asked for."""
 
+    @np.errstate(over="ignore", invalid="ignore")  # of rods that amplify without bound: who asks finds no equilibrium
     def launch(self) -> None:
         """One integration of all instances, a piece after another."""
         problem, segment, n = self.problem, self._segment, self.problem.unknown_count
@@ -155,8 +156,7 @@ class ClampedBackbones:
     def _onward(self, found: FloatArray, begin: FloatArray) -> FloatArray:
         """Columns at the end of a piece, which has ``found`` them by the state where it begins, then along the loads."""
         n, d = self.problem.unknown_count, begin.shape[1]
-        with np.errstate(over="ignore", invalid="ignore"):  # of rods that amplify without bound: who asks finds no equilibrium
-            result = found[..., :d] @ begin
+        result = found[..., :d] @ begin
         result[..., n : n + self.loads] += found[..., d:]
         return np.asarray(result)
 
