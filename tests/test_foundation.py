@@ -129,9 +129,6 @@ def test_what_is_not_known_is_not_said():
 def test_bad_values_are_refused():
     with pytest.raises(ValueError, match=r"Rod.foundation = -1.* is not allowed: must be finite and >= 0"):
         rod(foundation=-1.0)
-    poses = np.tile(np.eye(4), (2, 1, 1))
-    with pytest.raises(ValueError, match=r"legs\[0\] = .* is not allowed: must have no foundation"):
-        mr.ParallelRods(legs=[rod(), rod()], base=poses, platform=poses)
 
 
 def test_wires_and_tubes_take_it_like_rods():

@@ -56,10 +56,10 @@ def diameters(outer: float | None, inner: float | None) -> tuple[float | None, f
             refuse("Rod.outer_diameter", outer, f"must be finite and > 0, and at most {LARGEST_DIAMETER:g} m")
     if inner is not None:
         value = number("Rod.inner_diameter", inner)
-        if outer is None and value != 0:
-            refuse("Rod.inner_diameter", inner, "must not be given without outer_diameter")
         limit = math.inf if outer is None else outer
         if not (math.isfinite(value) and 0 <= value < limit):
             refuse("Rod.inner_diameter", inner, "must be finite, >= 0 and smaller than outer_diameter")
+        if outer is None and value != 0:
+            refuse("Rod.inner_diameter", inner, "must not be given without outer_diameter")
         inner = value
     return outer, inner
