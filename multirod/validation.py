@@ -177,14 +177,17 @@ def device_name(field: str, value: object) -> str:
     refuse(field, value, "must be one of Warp's devices here, " + ", ".join(map(repr, names)))
 
 
-def by_name(field: str, value: object, names: Sequence[str | None]) -> object:
-    """The index of what has this name, and no other; what is no name of any as it is."""
-    if not isinstance(value, str) or value not in names:
-        return value
-    own = [k for k, name in enumerate(names) if name == value]
-    if len(own) > 1:
-        refuse(field, value, f"must be one of the indices {own}: all of these have that name")
-    return own[0]
+def index_of(field: str, value: object, names: Sequence[str | None]) -> int | None:
+    """The index of what has this name, and no other, or the index ``value`` itself, from the end if negative; None if there is no
+    such."""
+    if isinstance(value, str):
+        own = [k for k, name in enumerate(names) if name == value]
+        if len(own) > 1:
+            refuse(field, value, f"must be one of the indices {own}: all of these have that name")
+        return own[0] if own else None
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not -len(names) <= value < len(names):
+        return None
+    return int(value)
 
 
 def some_names(field: str, value: object) -> tuple[str, ...]:

@@ -158,11 +158,11 @@ class Shooting(Solver):
         return newton.outcome()
 
     def _solve_most(self, problem: BoundaryProblem) -> Outcome:
-        newton, problem.side = self._newton(problem), self._sign
+        problem.side = self._sign
         # what is put together from its joints, or was led to where its path begins, is known by more than is left
-        apart = problem.parts is None or problem.joints is not None or problem.out_of_reach().any()
-        if apart:
+        if problem.parts is None or problem.joints is not None or problem.out_of_reach().any():
             return self._solve(problem, None)
+        newton = self._newton(problem)
         raised = self._raise(problem, newton, np.ones(problem.instance_count, dtype=bool), poses_apart=True)
         few = 0 < raised.lost.sum() <= MOST_LEFT * problem.instance_count
         if few and not problem.passed:

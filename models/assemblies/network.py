@@ -298,6 +298,7 @@ class Network(Assembly):
         for _, rod, _ in self._each():
             refuse_unknown(names, rod.rods)
         if self.graph.alone is not None:
+            # which refuses what it cannot tell
             self.graph.alone.input_directions(*(name for name in names if name == "translation"))
         if "length" in names and self.graph.slides.springs[0].any():
             raise NotImplementedError("derivatives by length are not known where springs are at holes: rests are lengths too")

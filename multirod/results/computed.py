@@ -25,7 +25,7 @@ from multirod.stability import Modes, Stabilities, Stability, modes_of
 from multirod.types import (
     StabilityOrArray,
 )
-from multirod.validation import FloatArray, by_name, frozen, meant, positive_int, refuse
+from multirod.validation import FloatArray, frozen, index_of, meant, positive_int, refuse
 
 if TYPE_CHECKING:
     from multirod.models.backbone.members.lines import Line
@@ -218,12 +218,12 @@ class Computed(Found[Robot_co]):
     def _rod_index(self, rod: int | str) -> int:
         """Number of a rod, from the first."""
         names = [r.name for r in self.assembly.rods]
-        index: Any = by_name("rod", rod, names)
-        if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
+        index = index_of("rod", rod, names)
+        if index is None:
             tubes = [name for name in names if name and isinstance(rod, str) and name.rpartition(" ")[0] == rod]
             hint = f"; did you mean {tubes[0]!r}, the first of its {len(tubes)} tubes?" if tubes else ""
             refuse("rod", rod, _known(names) + (hint or (meant(rod, filter(None, names)) if isinstance(rod, str) else "")))
-        return int(index) % len(names)
+        return index % len(names)
 
     @cached_property
     def tension(self) -> FloatArray:
@@ -282,8 +282,8 @@ class Computed(Found[Robot_co]):
         """
         lines = self.assembly.lines
         names = [own.name for _, own in lines]
-        index: Any = by_name("line", line, names)
-        if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not -len(names) <= index < len(names):
+        index = index_of("line", line, names)
+        if index is None:
             refuse("line", line, _known(names))
         rod, own = lines[index]
         shape = self.rod(rod, nodes=nodes)

@@ -120,7 +120,7 @@ def solve(
                 problem.stop = stop
                 start = unknowns_of_guess(guess, problem, count, piece)
             outcome = method.solve(problem, start, leave=len(pieces) > 1)
-            results.put(0, np.arange(count)[piece], problem.snapshot(), outcome, problem)
+            results.put(0, np.arange(piece.start, piece.stop), problem.snapshot(), outcome, problem)
         if outcome.left is not None:
             lefts.append(outcome.left.behind(piece.start))
         watch.advance(piece.stop - piece.start - (0 if outcome.left is None else len(outcome.left.numbers)))
@@ -206,7 +206,7 @@ def simulate(
         with lock:
             runner = Runner(robot, method, first, dt, device, inputs.active, instances=some)
             runner.start(guess, count, piece)
-        problem, took, places = runner.problem, step_time[pieces.index(piece)], np.arange(count)[piece]
+        problem, took, places = runner.problem, step_time[pieces.index(piece)], np.arange(piece.start, piece.stop)
         problem.stop = stop
         rows = _samples(problem, inputs, samples, batch_shape, some)
         for k in range(samples):

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem, PosesSensed
 from multirod.results.derivatives import places_on
 from multirod.tasks.formulation import Evaluation, PosedAt, Task
-from multirod.validation import FloatArray, by_name, refuse
+from multirod.validation import FloatArray, index_of, refuse
 
 
 class Sensed(Protocol):
@@ -126,10 +126,10 @@ class Places:
 def rod_index(field: str, robot: Assembly, rod: int | str) -> int:
     """Number of a rod, from the first."""
     names = [own.name for own in robot.rods]
-    index: Any = by_name(field, rod, names)
-    if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not 0 <= index < len(names):
+    index = index_of(field, rod, names)
+    if index is None or index < 0:
         refuse(field, rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
-    return int(index)
+    return index
 
 
 def _followed(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:

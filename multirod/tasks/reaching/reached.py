@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Robot_co
-from multirod.batch import Instances
+from multirod.batch import Instances, take
 from multirod.inputs import Inputs
 from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
@@ -202,7 +202,8 @@ def _of_some(target: Pose, batch_shape: tuple[int, ...], numbers: NDArray[np.int
     result = copy(target)
     for name in target.given:
         value = getattr(target, name)
-        own = value.shape[-2:] if name == "rotation" else value.shape[-1:]
-        setattr(result, name, frozen(np.broadcast_to(value, (*batch_shape, *own)).reshape(-1, *own)[numbers]))
+        tail = 2 if name == "rotation" else 1
+        own = take(value, batch_shape, numbers.reshape(-1), tail=tail)
+        setattr(result, name, frozen(own.reshape(*numbers.shape, *own.shape[1:])))
     result.batch_shape = numbers.shape
     return result

@@ -160,14 +160,12 @@ def compliance_by_places(
             at_tip[some] = led[last]
             if not last.all():
                 found.go_on(on[~last], led[~last])
+        found.known &= np.isfinite(at_tip).all(axis=(1, 2))
         wrench = np.where(found.known[:, None, None], at_tip[:, WRENCH], np.eye(6))
-        known = found.known & np.isfinite(at_tip).all(axis=(1, 2))
-        known &= np.linalg.cond(np.nan_to_num(wrench)) < WORST_CONDITION
+        found.known &= np.linalg.cond(wrench) < WORST_CONDITION
         pose = at_tip[:, POSE]
         pose[:, 3:] *= -1.0
-        matrix = -pose @ np.linalg.inv(np.where(known[:, None, None], wrench, np.eye(6)))
+        matrix = -pose @ np.linalg.inv(np.where(found.known[:, None, None], wrench, np.eye(6)))
     axes = np.zeros((count, 6, 6))
     axes[:, :3, :3], axes[:, 3:, 3:] = ends[first[1:] - 1], length[:, None, None] * base
-    matrix = axes @ matrix @ axes.swapaxes(1, 2) / unit[:, None, None]
-    matrix[~known] = np.nan
-    return CondensedForm(matrix, np.where(known, found.conjugate, 0).astype(np.int32), known)
+    return _form(found, axes @ matrix @ axes.swapaxes(1, 2) / unit[:, None, None])
