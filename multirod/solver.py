@@ -84,6 +84,10 @@ class Outcome:
         """The fields that have one entry an instance, by name; without those that are None."""
         return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
 
+    def left_of(self, integrations: int) -> IntArray:
+        """What each instance may still take of so many integrations, shape (instance_count,)."""
+        return np.maximum(integrations - self.integrations, 0)
+
     def take(self, instances: NDArray[np.intp]) -> "Outcome":
         """The outcome of the instances with these numbers, shape (k,)."""
         arrays: dict[str, Any] = {name: value[instances] for name, value in self.arrays.items()}

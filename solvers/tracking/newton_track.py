@@ -11,8 +11,10 @@ from multirod.solver import Outcome, Track, knows
 from multirod.solvers.continuation.paths import TURN, Paths
 from multirod.solvers.following.descent import SOFT
 from multirod.solvers.following.follow import ENDED
+from multirod.solvers.following.onward import go_on
 from multirod.solvers.newton.iteration import UNLIMITED
 from multirod.solvers.newton.newton_kernels import Sample
+from multirod.solvers.starting.cold_start import ColdStart
 from multirod.solvers.starting.letting_out import let_out, loosened
 from multirod.solvers.tracking.kinks import passed_kinks
 from multirod.stability import modes_of
@@ -111,7 +113,7 @@ class NewtonTrack(Track):
         if not self.all_known:
             if not self._points[0]:
                 self._past[:, 0], self._points[0] = problem.guess(), 1
-            first = self.options._first(problem, newton, ~self.known)
+            first = ColdStart(self.options, problem, newton, ~self.known).run()
             if not self.known.any():
                 return self._keep(first)
         past, points = self._past, int(self._points[0])
@@ -180,7 +182,7 @@ class NewtonTrack(Track):
 
     def _continue(self, doubtful: BoolArray, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
-        self.newton.allow(self.options._left(outcome))
+        self.newton.allow(outcome.left_of(self.options.max_integrations))
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
         safe = np.where(self.fresh, FRESH, 1.0)
         last = self.last.copy(), self.newton.reference()
@@ -190,7 +192,7 @@ class NewtonTrack(Track):
         stuck = doubtful & failures(again.status)
         if len(self.problem.kinks) and stuck.any() and (stuck := stuck & paths.at_kink()).any():
             # Gamma jumps there however short the steps are
-            self.newton.allow(self.options._left(outcome))
+            self.newton.allow(outcome.left_of(self.options.max_integrations))
             self._take_in(stuck, paths.change_inputs(stuck, before, *last, dip=DIP), outcome)
             if len(self.problem.kink_inputs) and (stuck := stuck & failures(outcome.status)).any():
                 self._let_out(stuck, outcome, paths, before, last[0])
@@ -199,7 +201,7 @@ class NewtonTrack(Track):
         ended = stalled | (doubtful & np.isin(outcome.status, ENDED))
         if ended.any():
             assert reached is not None  # by every path
-            self.options._follow(self.problem, self.newton, outcome, ended, reached, ends, before)
+            go_on(self.options, self.problem, self.newton, outcome, ended, reached, ends, before=before)
             outcome.status[stalled & (outcome.status == Status.BRANCH_END)] = Status.STALLED
             self.edge |= ended & (outcome.status == _CONVERGED)
 
@@ -216,13 +218,13 @@ class NewtonTrack(Track):
         lost[places[lowest < -SOFT]] = True
         if lost.any():
             ends, reached = self.problem.read("unknowns"), np.full(len(chosen), JUST_THERE)
-            self.options._follow(self.problem, self.newton, outcome, lost, reached, ends, before)
+            go_on(self.options, self.problem, self.newton, outcome, lost, reached, ends, before=before)
             self.edge &= ~lost | failures(outcome.status)
 
     def _let_out(self, stuck: BoolArray, outcome: Outcome, paths: Paths, before: FloatArray, last: FloatArray) -> None:
         """What is stuck beside a line at its kink, from the last good sample with all lines longer, on a way where they are."""
         problem, newton, asked = self.problem, self.newton, self.problem.read("inputs")
-        newton.allow(self.options._left(outcome))
+        newton.allow(outcome.left_of(self.options.max_integrations))
 
         def find(some: BoolArray) -> Outcome:
             longer = problem.read("inputs")

@@ -1,0 +1,252 @@
+"""A solve without a guess: along the natural branch, and from where that ends early by the other ways, one after the other."""
+
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multirod.problem import BoundaryProblem
+from multirod.solver import Left, Outcome
+from multirod.solvers.continuation.natural import natural_branch
+from multirod.solvers.following.follow import ENDED
+from multirod.solvers.following.onward import go_on, in_segments
+from multirod.solvers.following.walk import NOISY
+from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.newton.refinement import refine
+from multirod.solvers.starting.assembling import assemble
+from multirod.solvers.starting.letting_out import let_out, near_the_end
+from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
+from multirod.status import BoolArray, IntArray, Status, failures
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.solvers.shooting import Shooting
+
+# by which a loose network may end that no other way led to a result
+WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
+KNOWN = ("handed", "tried", "ends", "unbounded")  # of each instance, beside its outcome, where loads could not be raised further
+
+
+class ColdStart:
+    """Instances of a problem on the way from no guess to an equilibrium: ``raise_loads`` first, then ``go_on``.
+
+    Args:
+        options: Whose.
+        problem: At the inputs in question.
+        newton: Its iteration.
+        chosen: Which instances are meant, shape (instance_count,); all by default.
+        poses_apart: Whether what looks for equilibria leaves out the poses of tips.
+
+    Attributes:
+        outcome: How they ended, so far.
+        handed: Which crept, and are handed over to segments.
+        tried: How segments ended, of those that are not to be tried by these; ``NOT_RUN`` of the others.
+        ends: Unknowns where the natural branch ended [1/m].
+        unbounded: Which are beside a line at its kink whose tension rises without bound.
+    """
+
+    def __init__(
+        self,
+        options: "Shooting",
+        problem: BoundaryProblem,
+        newton: Newton,
+        chosen: BoolArray | None = None,
+        *,
+        poses_apart: bool = False,
+    ) -> None:
+        self.options, self.problem, self.newton, self.poses_apart = options, problem, newton, poses_apart
+        count = problem.instance_count
+        self.chosen = np.ones(count, dtype=bool) if chosen is None else chosen
+        self.outcome = Outcome.zeros(count)
+        self.handed, self.unbounded = np.zeros((2, count), dtype=bool)
+        self.tried: IntArray = np.full(count, int(Status.NOT_RUN))
+        self.ends: FloatArray = np.zeros((count, problem.unknown_count))
+
+    def run(self) -> Outcome:
+        """The end of the natural branch, by one of two ways where there are two, or where it ends early and others are meant, the
+        lowest stable one."""
+        beyond = self.chosen & self.problem.out_of_reach()
+        if beyond.any():
+            return self._within_reach(beyond)
+        self.raise_loads()
+        return self.go_on()
+
+    @property
+    def lost(self) -> BoolArray:
+        """Which have no result yet."""
+        return np.asarray(self.chosen & failures(self.outcome.status))
+
+    def left(self) -> Left:
+        """Those that have none, for ``resume``."""
+        numbers = np.flatnonzero(self.lost)
+        known = self.outcome.arrays | {name: getattr(self, name) for name in KNOWN}
+        return Left(numbers, self.problem.snapshot()[numbers], {name: values[numbers] for name, values in known.items()})
+
+    def resume(self, left: Left) -> Outcome:
+        """All ways but the first, of instances that were ``left`` where loads could not be raised further."""
+        self.problem.restore(left.records)
+        known: dict[str, Any] = {name: np.array(values) for name, values in left.known.items()}
+        for name in KNOWN:
+            setattr(self, name, known.pop(name))
+        self.outcome = Outcome(**known)
+        return self.go_on()
+
+    def raise_loads(self) -> None:
+        """To where the natural branch leads."""
+        problem, newton = self.problem, self.newton
+        with self._searching():
+            newton.allow(self.options.max_integrations)
+            handed = self.handed if self.options.fallback else None
+            self.outcome = outcome = natural_branch(problem, newton, self.options.max_continuation_steps, self.chosen, handed)
+            reached, self.ends = outcome.reached, problem.read("unknowns")
+            if self.options.fallback and reached is not None:
+                self.handed |= self.chosen & (outcome.status == int(Status.MAX_ITERATIONS)) & (reached > 0)
+            for status in (Status.UNDETERMINED, Status.LOOSE):  # from wherever
+                known = outcome.status == int(status)
+                self.chosen = self.chosen & ~known
+                self.tried[known] = status
+            newton.allow(self._allowed)
+            refine(problem, newton, outcome, self.chosen)
+            self._let_out()
+            refuse_unstable(problem, outcome, self.chosen)
+
+    def go_on(self) -> Outcome:
+        """From where the natural branch ended before the full load, by each way that is open to what has no result yet."""
+        if not self.lost.any():
+            return self.outcome
+        with self._searching():
+            self._put_together()
+        # the poses that it finds are not those of the unknowns: nothing may integrate these again
+        if self.handed.any() and self.outcome.reached is not None:
+            self._hand_over()
+        if self.options.fallback and failures(self.outcome.status).any():
+            in_segments(self.options).rescue(self.problem, self.outcome, self._allowed, self.tried)
+        self._follow()
+        self._say_why()
+        return self.outcome
+
+    def _searching(self) -> AbstractContextManager[None]:
+        return self.problem.without_poses() if self.poses_apart else nullcontext()
+
+    @property
+    def _allowed(self) -> IntArray:
+        return self.outcome.left_of(self.options.max_integrations)
+
+    @property
+    def _multistable(self) -> bool:
+        stability = self.problem.stability
+        return stability is not None and stability.multistable
+
+    def _within_reach(self, beyond: BoolArray) -> Outcome:
+        """``run`` of a part, where the others, ``beyond``, cannot have a result: nothing is integrated for these."""
+        problem, outcome = self.problem, self.outcome
+        outcome.status[beyond] = Status.OUT_OF_REACH
+        places = np.flatnonzero(self.chosen & ~beyond)
+        if len(places):
+            assert problem.parts is not None  # what knows its reach offers parts
+            part = problem.parts.of(places)
+            found = ColdStart(self.options, part, self.newton.of(part, places)).run()
+            for name in ("status", "iterations", "integrations"):
+                getattr(outcome, name)[places] = getattr(found, name)
+            outcome.events = {int(places[k]): events for k, events in found.events.items()}
+            outcome.breakpoints = {int(places[k]): points for k, points in found.breakpoints.items()}
+            problem.keep(part, places)
+        return outcome
+
+    def _let_out(self) -> None:
+        """What ended beside a line at its kink, from where lines are longer."""
+        problem, newton, outcome = self.problem, self.newton, self.outcome
+        at_end = near_the_end(problem, outcome, self.chosen)
+        if not at_end.any():
+            return
+        newton.allow(self._allowed)
+        steps = self.options.max_continuation_steps
+        self.unbounded = let_out(problem, newton, outcome, at_end, lambda some: natural_branch(problem, newton, steps, some))
+        outcome.status[self.unbounded] = Status.LINES_TOO_SHORT  # no fold or bifurcation to be followed
+
+    def _put_together(self) -> None:
+        """By joints that close, and where several stable equilibria are meant, to the lowest one."""
+        problem, newton, outcome, steps = self.problem, self.newton, self.outcome, self.options.max_continuation_steps
+        further = None if self.options.at_fold == "stop" else self._follow_part
+        newton.allow(self._allowed)
+        ended = assemble(problem, newton, outcome, self.lost, steps, further)
+        if further is None:
+            outcome.status[ended] = Status.BRANCH_END
+            self.chosen = self.chosen & ~ended
+        if outcome.reached is not None and self._multistable:
+            self._go_on(self.chosen & (outcome.status == Status.BRANCH_END))
+        newton.allow(self._allowed)
+        if further is not None:
+            lowest_stable(problem, newton, outcome, self.lost, steps)
+            newton.allow(self._allowed)
+            assemble(problem, newton, outcome, self.lost, steps, further, closing=True)
+
+    def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
+        """From where a branch ended in a part of all that one solve does."""
+        lost, reached = np.isin(outcome.status, (Status.BRANCH_END, Status.STALLED)), outcome.reached
+        if lost.any() and reached is not None:
+            left = np.maximum(newton.allowed() - outcome.integrations, 0)
+            go_on(self.options, problem, newton, outcome, lost, reached, problem.read("unknowns"), left=left)
+
+    def _go_on(self, lost: BoolArray) -> None:
+        assert self.outcome.reached is not None  # or no branch ended
+        go_on(self.options, self.problem, self.newton, self.outcome, lost, self.outcome.reached, self.ends)
+
+    def _hand_over(self) -> None:
+        """Let segments go on where shooting crept; where they come to an end, shooting follows the branch to there too."""
+        problem, outcome, reached, ends = self.problem, self.outcome, self.outcome.reached, self.ends
+        assert reached is not None  # of what crept
+        starts = {k: (ends[k], float(reached[k]), 0) for k in np.flatnonzero(self.handed).tolist()}
+        self.tried = tried = in_segments(self.options).go_on(problem, outcome, starts, self._allowed)
+        decided = np.isin(tried, (Status.BRANCH_END, Status.MAX_ITERATIONS, Status.INTEGRATION_LIMIT))
+        outcome.status[decided] = tried[decided]
+        tried[failures(tried) & ~decided] = Status.NOT_RUN  # from there: it may still be found from the unloaded rod
+        places = np.flatnonzero(tried == Status.BRANCH_END)
+        if not len(places):
+            return
+        assert problem.parts is not None  # or nothing is handed over
+        part = problem.parts.of(places)
+        newton, everyone = self.newton.of(part, places), np.ones(len(places), dtype=bool)
+        newton.allow(self._allowed[places])
+        again = natural_branch(part, newton, self.options.max_continuation_steps)
+        assert again.reached is not None
+        reached[places], ends[places] = again.reached, part.read("unknowns")
+        newton.allow(np.maximum(self._allowed[places] - again.integrations, 0))
+        refine(part, newton, again, everyone)
+        outcome.status[places] = again.status
+        outcome.iterations[places] += again.iterations
+        outcome.integrations[places] += again.integrations
+        problem.keep(part, places)
+
+    def _follow(self) -> None:
+        """Where branches end, but for what creeps in segments too: that is given up, unless a soft mode makes it creep."""
+        outcome, reached = self.outcome, self.outcome.reached
+        if reached is None:
+            return
+        lost = self.chosen & np.isin(outcome.status, ENDED)
+        creeping = lost & (self.tried == int(Status.MAX_ITERATIONS))
+        if creeping.any():
+            outcome.integrations += creeping
+            lost &= ~_amplifies(self.problem, creeping, self.ends, reached)
+        if not self._multistable:
+            self._go_on(lost)
+
+    def _say_why(self) -> None:
+        """Why there is no result, where that is known."""
+        outcome = self.outcome
+        outcome.status[self.unbounded & failures(outcome.status)] = Status.LINES_TOO_SHORT
+        lost = np.isin(outcome.status, WITHOUT_REASON)
+        if lost.any():
+            outcome.status[lost & self.problem.is_loose()] = Status.LOOSE
+
+
+def _amplifies(problem: BoundaryProblem, some: BoolArray, unknowns: FloatArray, level: FloatArray) -> BoolArray:
+    """Of which of some instances an integration from the base may hide by rounding how they go on from ``unknowns`` at levels of
+    the load, all of the first axis instance_count."""
+    records = problem.snapshot()
+    problem.write("unknowns", np.where(some[:, None], unknowns, problem.read("unknowns")))
+    with problem.only(some), problem.at_load(np.where(some, level, 1.0)):
+        problem.integrate()
+    size = np.linalg.norm(np.nan_to_num(problem.read("gamma"), nan=np.inf), axis=1)
+    problem.restore(records)
+    return np.asarray(some & (size > NOISY))
