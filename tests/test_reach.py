@@ -129,8 +129,8 @@ def test_a_batch_of_no_targets_has_no_results(start):
         assert len(found.held_by) == 0
 
 
-def test_some_results_of_a_batch_say_what_they_said_in_it(start):
-    """What is found when it is asked for is found of these alone."""
+def test_some_results_of_a_batch_say_what_they_said_in_it(start, tmp_path):
+    """What is found when it is asked for is found of these alone; files keep it."""
     away = start.tip_position + np.array([[(0, 0, 0.2), (0.002, 0, 0)], [(0.001, 0.001, 0), (0, 0, 0.3)]])
     limits = mr.Limits(translation=(-0.11, -0.012), rotation=(-0.7, 0.7), gap=2e-3)
     batch = mr.reach(TUBES, mr.Pose(position=away), free=FREE, limits=limits, guess=start, solver=SOLVER)
@@ -145,6 +145,24 @@ def test_some_results_of_a_batch_say_what_they_said_in_it(start):
     np.testing.assert_array_equal(part.target.position, away[1])
     np.testing.assert_array_equal(part[1].target.position, away[1, 1])
     assert part[1].inputs.rotation.shape == (3,)
+    for k, found in enumerate((batch, part, part[1])):
+        assert_kept(found, tmp_path / f"{k}.npz")
+
+
+def assert_kept(found, path):
+    """That a file keeps all that a reach says, to the bit."""
+    found.save(path)
+    again = mr.load(path)
+    assert type(again) is type(found)
+    assert again.free == found.free
+    assert again.target.given == found.target.given
+    for name in found.target.given:
+        np.testing.assert_array_equal(getattr(again.target, name), getattr(found.target, name))
+    for name in ("target_error", "target_angle", "at_limit", "tip_position", "status"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
+    np.testing.assert_array_equal(again.inputs.translation, found.inputs.translation)
+    assert np.array_equal(again.held_by, found.held_by)
+    assert repr(again) == repr(found)
 
 
 def test_where_a_limit_holds_every_way_that_it_leaves_leads_away(start):
@@ -364,7 +382,7 @@ def test_it_goes_along_limits_of_the_shape(start):
     np.testing.assert_allclose(found.tip_position, target, atol=1e-6)
 
 
-def test_pictures_lead_along_limits_of_the_shape_too_and_what_holds_is_named(start):
+def test_pictures_lead_along_limits_of_the_shape_too_and_what_holds_is_named(start, tmp_path):
     """A straight way leads beyond the limit; at it, what is free has nothing left that comes nearer."""
     limits = mr.Limits(translation=(-0.19, 0), gap=2e-3, stability_margin=0.97 * float(start.stability_margin))
     direction = np.array([0.3, -0.2, 1.0]) / np.linalg.norm([0.3, -0.2, 1.0])
@@ -387,6 +405,8 @@ def test_pictures_lead_along_limits_of_the_shape_too_and_what_holds_is_named(sta
     assert not found.at_limit[0].any()
     assert found[1].held_by == ("stability_margin",)
     assert "stability_margin" in repr(found[1])
+    assert_kept(found, tmp_path / "batch.npz")
+    assert_kept(found[1], tmp_path / "one.npz")
 
 
 def test_six_legs_reach_poses_by_their_translations_alone(hexapod_start):

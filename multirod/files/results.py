@@ -1,7 +1,7 @@
 """Solutions and histories as tables, complete: what is read back answers all that was answered before, by the same bits."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from itertools import pairwise
 from math import prod
 from typing import Any
@@ -23,6 +23,9 @@ from multirod.results.solution import Solution
 from multirod.segments import Breakpoints
 from multirod.solver import Outcome
 from multirod.studies.terms.simplify import Dropped
+from multirod.tasks.limits import LimitRows
+from multirod.tasks.reaching.reached import Aim, Ends, Reached, ShapeHolds
+from multirod.tasks.rows import Pose
 from multirod.validation import refuse
 
 ROBOT = Part(ROBOTS, many=False, named=True)
@@ -93,11 +96,13 @@ def table_of_result(solution: Solution) -> dict[str, Any]:
         result["outcome"]["events"] = joined_events(solution._outcome.events)
     if isinstance(solution, History):
         result |= {"time": solution.time, "step_time": solution.step_time, "description": solution.description}
+    if isinstance(solution, Reached):
+        result["reached"] = _table_of_reached(solution)
     return result
 
 
 def result_from(table: Mapping[str, Any], where: str) -> Solution:
-    """The solution of a table; a ``History`` where it has times.
+    """The solution of a table; a ``History`` where it has times, ``Reached`` where it has a target.
 
     Raises:
         ValueError: If it is of another version, or does not hold together.
@@ -125,10 +130,38 @@ def result_from(table: Mapping[str, Any], where: str) -> Solution:
         raise ValueError(
             f"{where}{len(records)} records and {len(outcome.status)} statuses do not make a batch {scene.batch_shape}"
         )
+    if "reached" in table:
+        return Reached(scene, records, outcome, *_reached_from(table["reached"]), inputs, table["instances"])
     if "time" not in table:
         return Solution(scene, records, outcome, inputs, table["instances"])
     times = {name: table[name] for name in ("time", "step_time", "description")}
     return History(scene, records, outcome, inputs, **times)
+
+
+def _table_of_reached(result: Reached[Any]) -> dict[str, Any]:
+    """What a reach says beside its solution is made of."""
+    aim, ends = vars(result._aim), vars(result._ends)
+    target, held = result.target, ends["by_shape"]
+    return {
+        **aim,
+        "target": {name: getattr(target, name) for name in target.given},
+        "limits": {field.name: getattr(aim["limits"], field.name) for field in fields(LimitRows)},
+        "errors": ends["errors"],
+        "by_shape": None if held is None else vars(held),
+    }
+
+
+def _reached_from(table: Mapping[str, Any]) -> tuple[Aim, Ends]:
+    """The reverse."""
+    own = {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
+    target = Pose(**own["target"])
+    for name, value in own["target"].items():
+        setattr(target, name, value)  # to the bit, where directions were made as long as one again
+    limits, held = dict(own["limits"]), own["by_shape"]
+    own |= {"target": target, "limits": LimitRows(**{**limits, "names": tuple(limits["names"])})}
+    ends = Ends(own.pop("errors"), None if held is None else ShapeHolds(**held))
+    del own["by_shape"]
+    return Aim(**own), ends
 
 
 def _device(name: str) -> str:

@@ -201,7 +201,7 @@ def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thread
     status, iterations, integrations = (_joined([part.ended[k] for part in all_]) for k in range(3))
     outcome = Outcome(status, iterations, integrations)
     ends = Ends.joined([part.ends for part in all_])
-    result: Reached[Any] = Reached(scene, _joined([part.records for part in all_]), outcome, aim, ends, chosen)
+    result: Reached[Any] = Reached(scene, _joined([part.records for part in all_]), outcome, aim, ends)
     result.mind_strain()
     return result
 

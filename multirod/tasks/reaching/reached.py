@@ -40,11 +40,7 @@ class Chosen:
 
     def __call__(self, rows: FloatArray) -> Inputs:
         """Those of rows (count, input_count)."""
-        return with_values(self.others, self.free, self.values(rows).reshape(*self.batch_shape, len(self.places)))
-
-    def values(self, rows: FloatArray) -> FloatArray:
-        """What is free of it, shape (count, k)."""
-        return rows[:, self.places]
+        return with_values(self.others, self.free, rows[:, self.places].reshape(*self.batch_shape, len(self.places)))
 
 
 @dataclass(frozen=True)
@@ -116,9 +112,18 @@ class Aim:
 class Reached(Solution[Robot_co]):
     """Equilibria whose end effectors are at their targets, or as near as limits let them be: a ``Solution``, and how near."""
 
-    def __init__(self, scene: Scene[Robot_co], records: FloatArray, outcome: Outcome, aim: Aim, ends: Ends, chosen: Chosen):
-        super().__init__(scene, records, outcome)
-        self._aim, self._ends, self._chosen = aim, ends, chosen
+    def __init__(
+        self,
+        scene: Scene[Robot_co],
+        records: FloatArray,
+        outcome: Outcome,
+        aim: Aim,
+        ends: Ends,
+        inputs: Inputs | None = None,
+        instances: Instances | None = None,
+    ) -> None:
+        super().__init__(scene, records, outcome, inputs, instances)
+        self._aim, self._ends = aim, ends
 
     @property
     def target(self) -> Pose:
@@ -159,8 +164,13 @@ class Reached(Solution[Robot_co]):
     @cached_property
     def _near(self) -> NDArray[np.bool_]:
         """Which limits of the freed inputs results stand at, shape (count, c)."""
-        values = self._chosen.values(self._records[:, self._scene.fields["inputs"]])
+        values = self._values.reshape(-1, len(self._aim.unit))
         return self._aim.limits.near(values, self._aim.unit) & ~self._failed[:, None]
+
+    @property
+    def _values(self) -> FloatArray:
+        """The freed numbers, shape (..., k)."""
+        return np.concatenate([getattr(self.inputs, name) for name in self.free], axis=-1)
 
     @property
     def held_by(self) -> tuple[str, ...] | NDArray[np.object_]:
@@ -178,8 +188,7 @@ class Reached(Solution[Robot_co]):
     def _remarks(self) -> Remarks | None:  # type: ignore[override]  # found when it is asked for
         if self.batch_shape or self.target.batch_shape:
             return None
-        values = np.concatenate([getattr(self.inputs, name) for name in self.free])
-        return self._aim.limits.remarks(values, self.target.position, float(self.target_error))
+        return self._aim.limits.remarks(self._values, self.target.position, float(self.target_error))
 
     @property
     def _asides(self) -> dict[str, str]:
@@ -193,7 +202,7 @@ class Reached(Solution[Robot_co]):
         result.__dict__.update(plain.__dict__)
         chosen = np.asarray(numbers[index])
         result._aim = replace(self._aim, target=_of_some(self.target, self.batch_shape, chosen))
-        result._chosen, result._ends = self._chosen, self._ends.take(chosen.reshape(-1))
+        result._ends = self._ends.take(chosen.reshape(-1))
         return result
 
 
