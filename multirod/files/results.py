@@ -153,7 +153,7 @@ def _table_of_reached(result: Reached[Any]) -> dict[str, Any]:
 
 def _reached_from(table: Mapping[str, Any]) -> tuple[Aim, Ends]:
     """The reverse."""
-    own = {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
+    own: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
     target = Pose(**own["target"])
     for name, value in own["target"].items():
         setattr(target, name, value)  # to the bit, where directions were made as long as one again

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Robot_co
-from multirod.batch import Instances, take
+from multirod.batch import Instances, IntArray, take
 from multirod.inputs import Inputs
 from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
@@ -120,7 +120,7 @@ class Reached(Solution[Robot_co]):
         aim: Aim,
         ends: Ends,
         inputs: Inputs | None = None,
-        instances: Instances | None = None,
+        instances: IntArray | None = None,
     ) -> None:
         super().__init__(scene, records, outcome, inputs, instances)
         self._aim, self._ends = aim, ends
