@@ -6,8 +6,8 @@ from random_legs import draw, violation
 
 import multirod as mr
 from multirod.capabilities import Loading
-from multirod.solvers import shooting
 from multirod.solvers.continuation.natural import natural_branch
+from multirod.solvers.starting import cold_start
 from multirod.status import failures
 
 AGAIN = 46  # numbers of robots that are solved by putting them together anew,
@@ -36,8 +36,8 @@ def test_what_the_first_search_solves_pays_nothing(monkeypatch):
     drawn = draw(AT_ONCE)
     assert not lost_at_first(drawn)
     found = mr.solve(drawn.robot, drawn.inputs)
-    monkeypatch.setattr(shooting, "assemble", lambda *_, **__: None)
-    monkeypatch.setattr(shooting, "lowest_stable", lambda *_: None)
+    monkeypatch.setattr(cold_start, "assemble", lambda *_, **__: None)
+    monkeypatch.setattr(cold_start, "lowest_stable", lambda *_: None)
     without = mr.solve(drawn.robot, drawn.inputs)
     assert found.integrations == without.integrations
     np.testing.assert_array_equal(found.unknowns, without.unknowns)
