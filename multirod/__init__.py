@@ -16,6 +16,8 @@ import typing as _typing
 from importlib import import_module as _import_module
 from importlib.util import find_spec as _find_spec
 
+from multirod.collecting import without_collections as _without_collections
+
 if _find_spec("multirod.models") is None:
     raise ImportError(
         f"{__file__} is a bare checkout folder, and hides the package where that is installed: work in another folder, "
@@ -231,7 +233,8 @@ if not _typing.TYPE_CHECKING:  # which would take any name for one that there is
     def __getattr__(name: str) -> object:
         """A public name or a module of the package, when it is first asked for."""
         if name in _HOME:
-            found: object = getattr(_import_module(_HOME[name]), name)
+            with _without_collections():
+                found: object = getattr(_import_module(_HOME[name]), name)
             globals()[name] = found
             return found
         if not name.startswith("_") and _find_spec(f"multirod.{name}") is not None:

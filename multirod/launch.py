@@ -1,16 +1,15 @@
 """Recorded launches of kernels, from any thread, that wait for what is being compiled."""
 
 import ctypes
-import gc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager
 from functools import partial
 from threading import RLock
 from typing import Any, Protocol, cast
 
 import warp as wp
 
+from multirod.collecting import without_collections
 from multirod.kernels.compiling import COMPILER, start_warp
 
 LONGEST = 1024  # integrations of a rod in one launch: some hundredths of a second at most at a hundred steps each
@@ -62,25 +61,10 @@ def expect(make: Callable[[], wp.Kernel], device: str) -> None:
 
 def _requested(make: Callable[[], wp.Kernel], device: str) -> "tuple[wp.Kernel, Future[None] | None]":
     start_warp()
-    with _without_collections():
+    with without_collections():
         with _MAKING:
             kernel = make()
         return kernel, COMPILER.request(kernel.module, wp.get_device(device))
-
-
-@contextmanager
-def _without_collections() -> Iterator[None]:
-    """Within it, Python looks for no garbage: a kernel's syntax trees are many objects, and few of them are garbage.
-
-    Looking took a tenth of the time.
-    """
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def _record(kernel: wp.Kernel, dim: int, arguments: Sequence[object], device: str) -> Launch:

@@ -15,6 +15,7 @@ import multirod as mr
 from multirod.batch import thread_count
 from multirod.cli import main
 from multirod.kernels.compiling import COMPILER, cache
+from multirod.kernels.own_module import own_module
 from multirod.launch import LONGEST, Direct, Pending, expect, record
 from multirod.models.assemblies import single_rod
 from multirod.studies.scenes import SCENES, load
@@ -41,7 +42,7 @@ def make_kernel(value: float | None = None):
     """A kernel that no cache has: it adds a number of its own."""
     number = uuid.uuid4().int / 2**128 if value is None else value
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @own_module()
     def add(values: wp.array[wp.float64]):
         t = wp.tid()
         values[t] = values[t] + wp.static(wp.float64(number))
@@ -99,6 +100,53 @@ with c._without_driver_note():
 print("after", file=sys.stderr)
 """
     assert program(text, tmp_path).stderr == "kept\nkept too\nafter\n"
+
+
+# ---- what a process takes before its first solve ----
+
+
+def test_what_a_kernel_calls_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    hashed = []
+    hasher = wp._src.context.ModuleHasher
+    begin = hasher.__init__
+
+    def counted(self, kernels, options):
+        hashed.append(kernels)
+        begin(self, kernels, options)
+
+    monkeypatch.setattr(hasher, "__init__", counted)
+    values = wp.zeros(3, dtype=wp.float64, device="cpu")
+    kernel, number = make_kernel()
+    record(lambda: kernel, 3, [values], "cpu").launch()
+    assert values.numpy() == pytest.approx(number)
+    assert hashed.count([kernel]) == 1
+
+
+def test_every_kernel_of_its_own_module_is_made_so() -> None:
+    folder = Path(__file__).parent.parent
+    files = [file for top in ("multirod", "models", "solvers") for file in (folder / top).rglob("*.py")]
+    assert [file.name for file in files if 'module="unique"' in file.read_text()] == ["own_module.py"]
+
+
+def test_modules_are_loaded_without_looking_for_garbage(tmp_path: Path) -> None:
+    text = """
+import gc, multirod as mr
+gc.collect()
+looks = []
+gc.callbacks.append(lambda phase, info: looks.append(info["generation"]) if phase == "start" else None)
+mr.SingleRod, mr.solve
+assert gc.isenabled()
+before = list(looks)
+gc.disable()
+mr.Observer, mr.sweep
+assert not gc.isenabled()
+print(len(before), before.count(2))
+"""
+    done = program(text, tmp_path)
+    assert done.returncode == 0, done.stderr
+    often, all_of_it = map(int, done.stdout.split())
+    assert often <= 10  # beside what follows each name
+    assert all_of_it <= 1
 
 
 # ---- in the background ----

@@ -9,6 +9,7 @@ of the arrays: one kernel each serves all networks.
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
 from multirod.models.joint_kernels import along, column_of, load_level, vector
 from multirod.models.network.elements.end_kernels import end_at, extension
 from multirod.models.network.elements.records import ALONG_VECTORS, POSE, ROD_VECTORS, TIP_POSE_AT, TURNING, Networks, RodGroup
@@ -20,7 +21,7 @@ f64 = wp.float64
 # ---- bodies ----
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+@own_module(max_unroll=1)
 def stand(net: Networks):
     """(4) Poses of the bodies, and (11) what acts on them."""
     b = net.problem.order[wp.tid()]
@@ -104,7 +105,7 @@ def stand(net: Networks):
                 net.load_directions[b, at + 3 + i, d] = moment[i]
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+@own_module(max_unroll=1)
 def hand_over(net: Networks, group: RodGroup):
     """(6), (20) Unknowns, inputs and directions of the networks to their rods."""
     t = group.problem.order[wp.tid()]
@@ -205,7 +206,7 @@ def add_up_pose(net: wp.ref[Networks], b: int):
             net.problem.pose_columns[b, i, net.unknown_count + k] = net.element[b, rod, row, net.size + k]
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+@own_module(max_unroll=1)
 def add_up(net: Networks):
     """(5) to (12) Residual, ``Gamma`` and the end effector."""
     b = net.problem.order[wp.tid()]

@@ -10,11 +10,12 @@ from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 from threading import Lock, get_ident
-from typing import Any, cast
+from typing import Any
 
 import warp as wp
 
 from multirod.batch import thread_count
+from multirod.kernels.own_module import own_module
 
 MOST_WORKERS = 8  # a compiler takes some 300 MB
 LOG = "MULTIROD_WARP_LOG"
@@ -133,16 +134,21 @@ def _load(module: wp.Module, device: wp.Device) -> None:
     try:
         if _headers is not None and device.is_cpu:
             _headers.precompile(device)
-        wp.force_load(device, [module], max_workers=0)
+        wp.force_load(device, [module], block_dim=_block_dim(device), max_workers=0)
     except Exception as error:
         raise CompileError(f"the kernel {module.name} could not be compiled into {cache()}: {error}") from error
+
+
+def _block_dim(device: wp.Device) -> int:
+    """Threads of a block that launches have by default: which a module is compiled for."""
+    return 1 if device.is_cpu else 256
 
 
 def _is_kept(module: wp.Module, device: wp.Device) -> bool:
     """Whether Warp's cache has a module, of the name that ``Module.load`` looks for; Warp has no public way to ask."""
     if not wp.config.cache_kernels:
         return False
-    block_dim = 1 if device.is_cpu else module.options["block_dim"]  # as launches have it by default
+    block_dim = _block_dim(device)
     folder = Path(str(wp.config.kernel_cache_dir)) / module.get_module_identifier(block_dim)
     names = (module._get_compile_output_name(device, block_dim=block_dim), module._get_meta_name(block_dim))
     return all((folder / name).exists() for name in names)
@@ -214,11 +220,11 @@ def _has_headers(folder: Path) -> bool:
 def _kernel_of(number: int) -> wp.Kernel:
     """A kernel that does nothing, another one for each number: Warp compiles it if its cache lacks it."""
 
-    @wp.kernel(enable_backward=False, module="unique")  # type: ignore[untyped-decorator]
+    @own_module()
     def nothing() -> None:
         _ = wp.int64(wp.static(number))
 
-    return cast(wp.Kernel, nothing)
+    return nothing
 
 
 _headers: _Headers | None = None

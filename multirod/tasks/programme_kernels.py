@@ -6,6 +6,7 @@ from functools import cache
 import warp as wp
 
 from multirod.kernels.linear_algebra_kernels import eliminate
+from multirod.kernels.own_module import own_module
 
 f64 = wp.float64
 ROW_ROUNDING = 1e-12  # of the largest number of a row: what of a limit is rounding
@@ -177,7 +178,7 @@ def keep_limits(q: Programme, t: int):
 def make_keeping():
     """Kernel that brings the steps of several programmes back within their limits, where they are beyond them."""
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def keep(q: Programme):
         keep_limits(q, wp.tid())
 

@@ -10,6 +10,7 @@ from functools import cache
 import warp as wp
 
 from multirod.kernels.failure_kernels import failure_of
+from multirod.kernels.own_module import own_module
 from multirod.kernels.repeated_kernels import Calls, launch_all
 from multirod.solvers.continuation.acceptance import (
     CONTRACTION,
@@ -490,7 +491,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             for i in range(state.points.shape[2]):
                 state.newton.unknowns[t, i] = state.points[t, 0, i]
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def path(state: PathState, calls: Calls, rounds: int):
         if rounds == 0:
             t = state.newton.order[wp.tid()]

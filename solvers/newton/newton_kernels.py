@@ -8,6 +8,7 @@ import warp as wp
 
 from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.linear_algebra_kernels import add_row, copy_row, eliminate, fill_row
+from multirod.kernels.own_module import own_module
 from multirod.kernels.repeated_kernels import Calls, launch_all
 from multirod.solvers.newton.bordered_kernels import Arrow, make_bordered
 from multirod.status import Fault, Status
@@ -391,7 +392,7 @@ def make_newton(block: int = 0, border: int = 0, told: bool = False, repeats: bo
         else:
             wp.atomic_add(state.remaining, 0, 1)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def newton(state: NewtonState, calls: Calls, rounds: int, sample: Sample):
         if rounds == 0:
             t = state.order[wp.tid()]

@@ -7,6 +7,7 @@ import warp as wp
 
 from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.linear_algebra_kernels import eliminate
+from multirod.kernels.own_module import own_module
 from multirod.models.rotation_kernels import rotation_from_vector
 from multirod.solvers.tracking.symmetric_kernels import diagonalise, is_definite
 from multirod.status import Status
@@ -234,7 +235,7 @@ def make_descent(feed_forward: bool):
         state.position[t] = state.position[t] + move
         state.rotation[t] = rotation_from_vector(turn) * state.rotation[t]
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def descend(state: DescentState):
         t = wp.tid()
         if state.active[t] == 0:

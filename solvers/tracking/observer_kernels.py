@@ -8,6 +8,7 @@ import warp as wp
 
 from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.linear_algebra_kernels import make_linear_algebra
+from multirod.kernels.own_module import own_module
 from multirod.status import Status
 
 f64 = wp.float64
@@ -351,7 +352,7 @@ def make_observer(
     COPIED = EQUILIBRATED or not alone
     INVERSES = not alone or scaling == "newton" or feed_forward or correct_output
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def observe(state: ObserverState):
         t = wp.tid()
         if state.active[t] == 0:

@@ -6,6 +6,8 @@ Numbers in parentheses are those of ``docs/estimation.md``, with a D of ``docs/d
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
+
 f64 = wp.float64
 
 
@@ -25,7 +27,7 @@ def by_inverse(v: wp.vec3d, w: f64, a: wp.vec3d, b: f64) -> wp.vec3d:
     return (f64(2.0) / (wp.dot(v, v) + w * w)) * (w * a - b * v - wp.cross(v, a))
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+@own_module(max_unroll=1)
 def curvatures(found: wp.array4d[wp.float64], frame: int, size: int, angle: int, bent: wp.array4d[wp.float64]):
     """(14) At each place, ``u`` and its columns beside it, in the frame of a rod.
 
@@ -69,7 +71,7 @@ def curvatures(found: wp.array4d[wp.float64], frame: int, size: int, angle: int,
                 bent[t, p, i, k] = own[i]
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+@own_module(max_unroll=1)
 def poses(
     found: wp.array4d[wp.float64],
     frame: int,

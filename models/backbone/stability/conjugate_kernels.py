@@ -3,6 +3,7 @@
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
 from multirod.models.rotation_kernels import rotation_from_vector
 
 f64 = wp.float64
@@ -63,7 +64,7 @@ def angle_of(columns: wp.array3d[wp.float64], t: int, first: int, i: int, k: int
     return columns[t, POSE + i - first, k]
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@own_module()
 def find_displacements(pairs: Pairs):
     """(7) to (9)"""
     t = wp.tid()

@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
 from multirod.kernels.repeated_kernels import Calls, launch_all
 from multirod.stability import NEUTRAL
 
@@ -123,7 +124,7 @@ def make_sure():
     """Kernel, of one thread, that launches a pass over nodes and, if these are enough, what condenses it, and looks at what they
     leave."""
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def sure(s: Sure, nodes: Calls, form: Calls):
         for t in range(s.sure.shape[0]):
             ends_of(s, t)

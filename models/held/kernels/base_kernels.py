@@ -6,6 +6,7 @@ Numbers in parentheses are those of ``docs/held.md``.
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
 from multirod.models.held.kernels.arguments import ALONG, ON_AXIS, Held
 from multirod.models.joint_kernels import vector
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
@@ -65,7 +66,7 @@ def turned_back(held: Held, b: int, v: wp.vec3d) -> wp.vec3d:
     return wp.vec3d(turn[0] * v[0] + turn[1] * v[1], turn[0] * v[1] - turn[1] * v[0], v[2])
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@own_module()
 def hand_over(held: Held):
     """Unknowns, inputs and directions to the rod, and its base as it is turned."""
     b = held.problem.order[wp.tid()]

@@ -6,6 +6,7 @@ Numbers in parentheses are those of ``docs/held.md``. Before it stands ``base_ke
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
 from multirod.models.held.kernels.arguments import POSE, Ends, Held
 from multirod.models.held.kernels.ball_kernels import spin_of, spin_rows, spin_rows_variation
 from multirod.models.held.kernels.base_kernels import base_moment, is_neutral, to_unknowns, turn_axis
@@ -26,7 +27,7 @@ def write_entry(held: Held, b: int, row: int, k: int, value: f64):
         held.problem.gamma[b, row, k - held.direction_count] = value
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@own_module()
 def hold(held: Held):
     """(5), (7), (8), (11): the residual with its columns, and the pose of the tip with them."""
     b = held.problem.order[wp.tid()]
@@ -110,7 +111,7 @@ def hold(held: Held):
     held.problem.step_count[b] = held.rod.step_count[b]
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@own_module()
 def hold_ends(held: Held, ends: Ends):
     """(5), (7), (11) of rods that are known by their segments."""
     t = wp.tid()

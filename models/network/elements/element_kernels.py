@@ -7,6 +7,7 @@ says what follows from it.
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
 from multirod.models.backbone.kernels.numbers.scalars import turned_about_z
 from multirod.models.joint_kernels import SOFT, along, column, column_of, load_level, vector
 from multirod.models.network.elements.end_kernels import (
@@ -407,7 +408,7 @@ def write_slides(net: wp.ref[Networks], own: wp.ref[Element]):
             net.value[b, rod, net.size - 1] = -scaled
 
 
-@wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+@own_module(max_unroll=1)
 def form(net: Networks, group: RodGroup):
     """(5) to (11), (22) The element of each rod, and its own rows beside those of its tip."""
     t = group.problem.order[wp.tid()]

@@ -3,6 +3,7 @@
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
 from multirod.models.backbone.stability.conjugate_kernels import angle_of, longest_of, reaches
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL, column
 from multirod.models.platform.platform_kernels import POSE, Legs, Robots
@@ -25,7 +26,7 @@ class LegPairs:
     columns: wp.array3d[wp.float64]
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@own_module()
 def find_leg_displacements(robots: Robots, legs: Legs, pairs: LegPairs):
     """(12) The turn of a tip in a joint that lets it turn, and the angles of tubes that end before it."""
     t = legs.problem.order[wp.tid()]
@@ -72,7 +73,7 @@ def find_leg_displacements(robots: Robots, legs: Legs, pairs: LegPairs):
                 pairs.columns[b, row + j, at] = -turn[j]
 
 
-@wp.kernel(module="unique", enable_backward=False)
+@own_module()
 def find_platform_displacements(robots: Robots, columns: wp.array3d[wp.float64]):
     """(12) The pose of the platform, in the last rows."""
     b = robots.problem.order[wp.tid()]

@@ -6,6 +6,7 @@ from functools import cache
 import warp as wp
 
 from multirod.kernels.failure_kernels import failure_of
+from multirod.kernels.own_module import own_module
 from multirod.models.rotation_kernels import rotation_from_vector, rotation_vector
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import across, axis_rows, condense, position_rows, rotation_rows, sighted_rows, tilt
@@ -216,7 +217,7 @@ def fail(s: Control, t: int):
 def make_control():
     """Kernel for one sample: from the integration at what was expected to its command, and to what is expected next."""
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def control(s: Control):
         t = wp.tid()
         k = s.unit.shape[0]

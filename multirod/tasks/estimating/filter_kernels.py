@@ -7,6 +7,7 @@ import warp as wp
 
 from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.linear_algebra_kernels import eliminate
+from multirod.kernels.own_module import own_module
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, position_rows, rotation_rows, sighted_rows
 from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, Watched, stand, strayed
@@ -271,7 +272,7 @@ def look(s: Filter, t: int) -> int:
 def make_filter():
     """Kernel for one sample: from the integration at what is expected to the estimate, and to the next integration's place."""
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def advance(s: Filter):
         t = wp.tid()
         k = s.walked.shape[1]

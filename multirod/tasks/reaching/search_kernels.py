@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
 from multirod.kernels.repeated_kernels import Calls, launch_all
 from multirod.status import Status
 from multirod.tasks.reaching.drive_kernels import (
@@ -282,7 +283,7 @@ def make_search(repeats: bool):
     on after each, until an instance ends or asks.
     """
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def search(s: Drive, calls: Calls, rounds: int):
         if rounds == 0:
             attend(s, wp.tid())

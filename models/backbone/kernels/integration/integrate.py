@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.integrators import Tableau
+from multirod.kernels.own_module import own_module
 from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.integration.walk import SCALARS, make_carry, make_parts
 from multirod.models.backbone.kernels.layout.arguments import FAULT, Call, RodTable
@@ -149,7 +150,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     )
     carry = make_carry(parts, features, jobs)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def integrate(rods: RodTable, call: Call, memory: wp.array2d(dtype=d)):
         """From the base to the tip, stretch by stretch; then the residual."""
         thread = wp.tid()

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.integrators import Tableau
+from multirod.kernels.own_module import own_module
 from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.integration.walk import make_carry, make_parts
 from multirod.models.backbone.kernels.layout.arguments import FAULT, OUTPUT, STOP, Call, RodTable
@@ -333,7 +334,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     )
     carry = make_carry(parts, features, jobs)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def integrate(rods: RodTable, call: Call, memory: wp.array2d(dtype=f64), seg: SegmentCall):
         """From the start of each segment to its end, stretch by stretch; then the residual, if that is the tip."""
         thread = wp.tid()

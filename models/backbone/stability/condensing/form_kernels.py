@@ -8,6 +8,7 @@ from functools import cache
 
 import warp as wp
 
+from multirod.kernels.own_module import own_module
 from multirod.models.backbone.stability.condensing.second_variation import STIFF, WORST_CONDITION
 
 f64 = wp.float64
@@ -441,7 +442,7 @@ def by_wrench(s: wp.ref[Form], t: int):
 def make_form():
     """Kernel for (4) to (6), and (20), (21) of a tip that is held, or (12) of docs/held.md."""
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @own_module(max_unroll=1)
     def form(s: Form):
         t = wp.tid()
         if s.wanted[t] == 0:
