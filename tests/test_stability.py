@@ -1,5 +1,7 @@
 """Stability by the index: closed-form critical loads, stored flags, and the Hessian of an independent energy."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from discrete_energy import DiscreteEnergy, DiscretePlatform, Tube
@@ -10,6 +12,7 @@ from test_parallel_rods import LOADS, SCENES, actuation, ring
 import multirod as mr
 from multirod.models.backbone.stability.condensing.by_nodes import compliance_form, condensed_form
 from multirod.models.backbone.stability.condensing.forms import form_of
+from multirod.models.backbone.stability.stability import BackboneStability
 from multirod.models.held.stability import TipByWrench
 from multirod.solvers.continuation.natural import natural_branch
 
@@ -61,6 +64,24 @@ def test_modes_that_cross_together_are_both_counted():
 def test_nodes_are_as_close_as_the_load_asks_for():
     """45 modes about each axis have (k - 1/2)^2 pi^2 < 2e4: more than there are nodes at first."""
     assert straight(column(), tip_force=(0, 0, -2e4)).index == 90
+
+
+@pytest.mark.parametrize(
+    ("rods", "steps", "segments", "nodes"),
+    [
+        (1, 50, 12.0, 26),  # where two steps end
+        (3, 50, 12.0, 17),  # fewer, and their own ends are no multiple of a step either
+        (3, 50, 8.5, 11),
+        (3, 50, 20.0, 26),
+        (1, 53, 12.0, 54),
+        (3, 53, 12.0, 17),
+        (1, None, 12.0, 17),
+        (3, None, 12.0, 17),
+    ],
+)
+def test_no_more_nodes_than_that_where_steps_are_equal(rods, steps, segments, nodes):
+    problem = SimpleNamespace(rods=[None] * rods, integrator=SimpleNamespace(steps=steps))
+    assert BackboneStability._nodes(SimpleNamespace(problem=problem), np.array([segments])) == nodes
 
 
 def test_heavy_column():

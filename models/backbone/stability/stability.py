@@ -209,14 +209,15 @@ class BackboneStability(StabilityAnalysis):
 
     def _nodes(self, segments: FloatArray) -> NDArray[np.int_]:
         """Numbers of nodes for more than so many segments, evenly spaced: where some number of equal steps ends, if that can be;
-        else one more than a power of two."""
+        else one more than a power of two, as well for several rods, which end steps themselves, where these are fewer."""
         fewest = np.maximum(segments + 1e-6, FEWEST_NODES - 1)
         result = 2 ** np.ceil(np.log2(fewest)).astype(int)
         steps = self.problem.integrator.steps
         if steps is not None:
             parts = _divisors(steps)
             place = np.searchsorted(parts, fewest)
-            result = np.where(place < len(parts), parts[np.minimum(place, len(parts) - 1)], result)
+            equal = np.where(place < len(parts), parts[np.minimum(place, len(parts) - 1)], result)
+            result = equal if len(self.problem.rods) == 1 else np.minimum(equal, result)
         return np.asarray(1 + result)
 
     def _nodes_for(self, segments: float) -> int:
