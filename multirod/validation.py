@@ -343,6 +343,28 @@ def names_checked(function: Callable[P, R]) -> Callable[P, R]:
     return checked
 
 
+def hinted(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """The same function, whose ``TypeError`` about arguments that it does not take ends in a hint."""
+
+    def made(function: Callable[P, R]) -> Callable[P, R]:
+        taken = signature(function)
+
+        @wraps(function)
+        def checked(*args: P.args, **options: P.kwargs) -> R:
+            try:
+                return function(*args, **options)
+            except TypeError as error:
+                try:
+                    taken.bind(*args, **options)
+                except TypeError:
+                    raise TypeError(f"{error}: {hint}") from None
+                raise
+
+        return checked
+
+    return made
+
+
 def meant(name: str, options: Iterable[str]) -> str:
     """The option that was probably meant by a name that is none, as the end of a message."""
     options = tuple(options)

@@ -70,6 +70,7 @@ def turned(angle: str, rest: str = "") -> str:
 
 GROUPS: dict[str, list[Mistake]] = {
     "Rods: units and material": [
+        Mistake("numbers without names", "mr.Rod(0.4, 0.02, 0.015)", TypeError, "all is named", "their names"),
         Mistake(
             "length in mm", "tube(length=400)", WARNING, "length = 400 m is more than 10 m; if it is in mm, give 0.4", "metres"
         ),
@@ -141,7 +142,7 @@ GROUPS: dict[str, list[Mistake]] = {
             "moduli given to Rod",
             "mr.Rod(length=0.4, young_modulus=60e9, shear_modulus=23e9)",
             TypeError,
-            "young_modulus",
+            "Rod.wire and Rod.tube take moduli",
             "Rod.tube or Rod.wire",
         ),
         Mistake(
@@ -261,6 +262,7 @@ GROUPS: dict[str, list[Mistake]] = {
             "metres",
         ),
         Mistake("offset of a tendon in mm", "wire(lines=[mr.Tendon((10, 0))])", WARNING, "if it is in mm, give 0.01", "metres"),
+        Mistake("offset of a tendon as two numbers", "mr.Tendon(0.01, 0)", TypeError, "one pair", "a pair, (0.01, 0)"),
         Mistake("offset of a tendon as a point", "mr.Tendon((0.01, 0, 0))", ValueError, "two numbers", "x and y in the section"),
         Mistake(
             "end of a tendon in mm", "wire(lines=[mr.Tendon((0.01, 0), end=200)])", ValueError, "at most the length", "metres"
@@ -296,7 +298,7 @@ GROUPS: dict[str, list[Mistake]] = {
             "tubes one by one",
             "mr.ConcentricTubes(inner, outer)",
             TypeError,
-            "positional",
+            "tubes are one list",
             "one list, ConcentricTubes([inner, outer])",
         ),
         Mistake(
@@ -567,7 +569,7 @@ GROUPS: dict[str, list[Mistake]] = {
             "inputs by name",
             "mr.solve(robot, tip_force=(1, 0, 0))",
             TypeError,
-            "'tip_force'",
+            "inputs are made by the robot",
             "mr.solve(robot, robot.inputs(...))",
         ),
         Mistake("a solver's class", "mr.solve(robot, solver=mr.Observer)", TypeError, "make one, Observer()", "mr.Observer()"),
@@ -655,6 +657,7 @@ GROUPS: dict[str, list[Mistake]] = {
             "are made one by SciPy's Rotation",
             "a matrix, body to world",
         ),
+        Mistake("a matrix for a pose", "mr.Pose(np.eye(4))", TypeError, "position=T[:3, 3]", "position=, rotation="),
         Mistake(
             "a pose for a position", "mr.Pose(position=np.eye(4))", ValueError, "must have shape (..., 3)", "position=, rotation="
         ),

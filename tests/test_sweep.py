@@ -337,6 +337,10 @@ def test_unknown_arrays_are_refused(scene, tmp_path):
         study["tip"]
     with pytest.raises(TypeError, match="'tip'"):
         next(study.chunks("tip"))
+    with pytest.raises(TypeError, match=r"not kept 'energy'.*quantities=\['energy'\]"):
+        study["energy"]
+    with pytest.raises(TypeError, match=r"name of an array.*, not 0"):
+        study[0]
 
 
 # ---- broken files ----

@@ -16,7 +16,7 @@ from multirod.models.backbone.checks import surely_driven
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, TUBE_INPUTS, drive_specs
 from multirod.rod import Rod
 from multirod.types import Numbers
-from multirod.validation import FloatArray, refuse, sequence
+from multirod.validation import FloatArray, hinted, refuse, sequence
 
 SAME_PLACE = 1e-12  # [m]: bases this close are at the same place
 
@@ -42,6 +42,7 @@ class ConcentricTubes(BackboneAssembly):
 
     transmission = True
 
+    @hinted("tubes are one list, ConcentricTubes([inner, outer])")
     def __init__(self, tubes: Sequence[Rod], *, base: Numbers | None = None) -> None:
         sequence("ConcentricTubes.tubes", tubes, Rod, "Rod, innermost first")
         if not 1 <= len(tubes) <= 6:

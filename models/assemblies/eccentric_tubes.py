@@ -14,7 +14,7 @@ from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.inputs import BY_MATERIAL, TUBE_INPUTS
 from multirod.rod import Rod, RodArrays, lower
 from multirod.types import Numbers
-from multirod.validation import FloatArray, array, refuse, sequence
+from multirod.validation import FloatArray, array, hinted, refuse, sequence
 
 MOST_TUBES = 6
 INPUTS = tuple(spec for spec in TUBE_INPUTS if spec.name not in BY_MATERIAL)
@@ -45,6 +45,7 @@ class EccentricTubes(BackboneAssembly):
 
     transmission = True
 
+    @hinted("tubes are one list, and offsets another, EccentricTubes([left, right], offsets=[(0.002, 0), (-0.003, 0)])")
     def __init__(self, tubes: Sequence[Rod], offsets: Numbers, *, base: Numbers | None = None) -> None:
         sequence("EccentricTubes.tubes", tubes, Rod, "Rod")
         if not 1 <= len(tubes) <= MOST_TUBES:

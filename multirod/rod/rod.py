@@ -18,6 +18,7 @@ from multirod.validation import (
     array,
     boolean,
     frozen,
+    hinted,
     nonnegative_float,
     positive_array,
     positive_float,
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
     from multirod.models.backbone.kernels.loads.load import Load
     from multirod.models.backbone.members.lines import Line
     from multirod.models.backbone.members.member import Member
+
+
+_NAMED = "all is named, Rod(length=, bending_stiffness=, torsional_stiffness=, precurvature=); Rod.wire and Rod.tube take moduli"
+_OF_MATERIAL = "all is named, such as length=, outer_diameter= of a tube, diameter= of a wire, young_modulus=, precurvature="
 
 
 class Rod:
@@ -70,6 +75,7 @@ class Rod:
 
     _material: plausibility.Material | None = None  # what a tube was made of, for warnings and files
 
+    @hinted(_NAMED)
     def __init__(
         self,
         *,
@@ -137,6 +143,7 @@ class Rod:
         plausibility.of_rod(self, self._material)
 
     @classmethod
+    @hinted(_OF_MATERIAL)
     def tube(
         cls,
         *,
@@ -236,6 +243,7 @@ class Rod:
         return rod
 
     @classmethod
+    @hinted(_OF_MATERIAL)
     def wire(
         cls,
         *,

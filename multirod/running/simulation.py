@@ -27,7 +27,7 @@ from multirod.solver import Left, Outcome, Solver, Tested
 from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, device_name, integers, refuse
+from multirod.validation import Described, FloatArray, array, device_name, hinted, integers, refuse
 
 _DEFAULT = Shooting()
 _BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
@@ -60,6 +60,7 @@ def _needs(solver: Solver) -> dict[str, Any]:
     }
 
 
+@hinted("inputs are made by the robot, solve(robot, robot.inputs(tip_force=...))")
 def solve(
     robot: Robot,
     inputs: Inputs | None = None,

@@ -12,7 +12,7 @@ from multirod.batch import Instances, IntArray, broadcast_shapes, take
 from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, positive_float, refuse
+from multirod.validation import Described, FloatArray, array, hinted, positive_float, refuse
 
 PARTS = ("position", "rotation", "axis", "across")  # of a pose
 Kind = tuple[int, int, int]  # whether there is a position (2: across a direction), a rotation, an axis
@@ -62,6 +62,7 @@ class Pose:
             ``at`` is not > 0, or leading axes do not broadcast.
     """
 
+    @hinted("its parts are named, of a matrix T of shape (4, 4) Pose(position=T[:3, 3], rotation=T[:3, :3])")
     def __init__(
         self,
         *,

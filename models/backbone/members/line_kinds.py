@@ -11,7 +11,7 @@ from multirod.models.backbone.kernels.members.lines import section_chamber_law, 
 from multirod.models.backbone.members.lines import DrivenByLength, Line, Where
 from multirod.models.backbone.members.member import Member
 from multirod.types import Numbers
-from multirod.validation import FloatArray, array, choice, positive_array, refuse
+from multirod.validation import FloatArray, array, choice, hinted, positive_array, refuse
 
 if TYPE_CHECKING:
     from multirod.rod import Section
@@ -63,6 +63,7 @@ class Tendon(Line):
         }
         return super().__new__(laws[driven][rubs])  # type: ignore[return-value]
 
+    @hinted("an offset is one pair, Tendon((0.008, 0)), all else is named")
     def __init__(
         self,
         offset: Numbers | None = None,

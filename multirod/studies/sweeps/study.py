@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.status import Status
+from multirod.studies.sweeps.chunk import FURTHER
 from multirod.studies.sweeps.folder import Broken, Folder
 from multirod.studies.sweeps.table import Arrays, Tails, blank, column_names, from_table, tails_in
-from multirod.validation import path_of, unknown_names
+from multirod.validation import path_of, shown, unknown_names
 
 
 class Study:
@@ -122,6 +123,12 @@ class Study:
             TypeError: If there is no array of that name.
         """
         result: Any = None
+        if not isinstance(name, str):
+            raise TypeError(
+                f"a study takes the name of an array, study['tip_position'], not {shown(name)}: index what that gives"
+            )
+        if name in FURTHER and name not in self.names:
+            raise TypeError(f"this study has not kept {name!r}: it is kept where sweep(..., quantities=[{name!r}]) asks for it")
         unknown_names("a study", [name], self.names)
         for instances, arrays in self.chunks(name):
             values = arrays[name]

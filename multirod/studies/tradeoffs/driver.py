@@ -92,7 +92,7 @@ def tune(
         ValueError: If no setting does it, the reference could not be checked, or the budget was over before.
     """
     if (error is None) == (rate is None):
-        raise TypeError("tune() takes error or rate")
+        raise TypeError("tune() takes error= [m], to find the fastest within it, or rate= [1/s], the most accurate: one of both")
     for name, value in (("error", error), ("rate", rate)):
         if value is not None:
             positive_float(name, value)

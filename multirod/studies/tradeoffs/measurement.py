@@ -81,7 +81,7 @@ class Measurement:
         if not len(samples):
             refuse("time", time, "there must be a sample")
         if not (samples >= nonnegative_float("settle", settle)).any():
-            refuse("settle", settle, f"must be before the last sample, {np.max(samples, initial=0):g} s")
+            refuse("settle", settle, f"must be before the last sample, {np.max(samples, initial=0):g} s; settle=0 counts all")
         self._skipped: dict[str, str] = {}
         if solvers is None:
             solvers = grid(robot, inputs)

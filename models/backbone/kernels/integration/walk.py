@@ -44,6 +44,7 @@ f64 = wp.float64
 SCALARS = {"float64": wp.float64, "float32": wp.float32}
 NEVER = 1e30  # steps left of a lane that waits
 TINY = {wp.float64: 1e-300, wp.float32: 1e-36}  # a step as small as that has failed
+BESIDE_BASE = 1e-9  # of the length
 SMALL_MOMENT = 1e-3  # [N m], or natural units in single precision: keeps the first step finite without a moment
 
 
@@ -64,7 +65,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     step = make_steps(layout, memory, tableau, rates, W, d)
     force_variation = make_loads(layout, W, d).force_variation
     load_stretch, pass_force, set_number = grid.load_stretch, grid.pass_force, grid.set_number
-    output_arclength = grid.output_arclength
+    output_arclength, rod_end, n = grid.output_arclength, grid.rod_end, layout.n
     write_node, write_node_column = nodes.write_node, nodes.write_node_column
     state_in, column_in = record.state_in, record.column_in
     equal_step, place_here = step.equal_step, step.place_here
@@ -161,7 +162,11 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
                 write_node(rods, call, case, memory, o, l, y, output, end)
                 call.lane[p, OUTPUT] = f64(output)
         if wp.static(NODE_COLUMNS):
-            if call.node_count > 0:
+            # what twists behind the plate varies there too, the frame hardly: no inverse has a meaning beside the base
+            counted = end > f64(wp.static(BESIDE_BASE)) * case.length
+            for i in range(wp.static(n)):
+                counted = counted or end == rod_end(rods, call, case, i)
+            if call.node_count > 0 and counted:
                 passed = int(call.lane[p, PASSED])
                 y = state_in(case, memory, o, l)
                 for c in range(column_count(call, job)):
