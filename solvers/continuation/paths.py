@@ -13,7 +13,7 @@ from multirod.kernels.warp_types import Struct
 from multirod.launch import Launch, expect, record
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.continuation.acceptance import RATIO_TESTS
+from multirod.solvers.continuation.acceptance import MIN_STEP, RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path
 from multirod.solvers.newton.iteration import Newton, narrowing
 from multirod.solvers.newton.rounds import Rounds
@@ -384,7 +384,15 @@ class Paths:
         return int(long.sum())
 
     def _doubt_ends(self, status: IntArray, integrations: IntArray) -> None:
-        """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at."""
+        """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at.
+
+        Where one is, rounding that would explain it too is not the reason, but where segments will tell.
+        """
+        if self.problem.segments is None:
+            stalled = np.flatnonzero((status == int(Status.STALLED)) & (self._get("step") < MIN_STEP))
+            if len(stalled):
+                least = self._newton.least_singular_values(self.state.reference.numpy()[stalled])
+                status[stalled[least <= SINGULAR * self.problem.natural_singular_value[stalled]]] = Status.BRANCH_END
         ended = np.flatnonzero(status == int(Status.BRANCH_END))
         if len(ended):
             least = self._newton.least_singular_values(self.state.reference.numpy()[ended])

@@ -18,6 +18,7 @@ from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
 TOGETHER = 32  # instances put together in one batch
+PATIENCE = 4  # times as many steps as the natural branch may take: many legs that are nearly joined are stiff, their steps short
 CLOSING_STEP = 0.25  # of the way from apart to together, at first: four equilibria tell how the branch turns
 SETTLING_STEPS = 200  # of the path of one start, in loads
 EVALUATIONS = 1200  # in which a branch is followed through its folds
@@ -44,9 +45,9 @@ def assemble(
 ) -> BoolArray:
     """Put the instances ``lost`` together without loads, then raise these: ``CONVERGED`` unless what that leads to is unstable.
 
-    Steps pass the tests of every branch (``Paths``), ``max_steps`` at most for the joints and as many for the loads. What is not
-    found is left as it is. ``go_on`` leads on from where a branch ends as loads are raised, or if so asked as joints are closed,
-    and says so in the outcome that it is given; the load factor of what happens while joints are closed is 0.
+    Steps pass the tests of every branch (``Paths``), ``PATIENCE`` times ``max_steps`` at most for the joints and as many for the
+    loads. What is not found is left as it is. ``go_on`` leads on from where a branch ends as loads are raised, or if so asked as
+    joints are closed, and says so in the outcome that it is given; the load factor of what happens while joints are closed is 0.
 
     Returns:
         Whose branch ended as loads were raised, (instance_count,).
@@ -74,7 +75,7 @@ def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int, go_on: Go
 
     ``reached`` is the part of the way by which joints were closed.
     """
-    paths = Paths(problem, newton, max_steps)
+    paths = Paths(problem, newton, PATIENCE * max_steps)
     count, joints = problem.instance_count, _joints(problem)
     joints.close(Loading.NONE)
     closed = paths.raise_from(np.ones(count, dtype=bool), joints.apart(), np.full(count, CLOSING_STEP))
