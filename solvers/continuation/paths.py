@@ -388,15 +388,14 @@ class Paths:
 
         Where one is, rounding that would explain it too is not the reason, but where segments will tell.
         """
+        ends = status == int(Status.BRANCH_END)
         if self.problem.segments is None:
-            stalled = np.flatnonzero((status == int(Status.STALLED)) & (self._get("step") < MIN_STEP))
-            if len(stalled):
-                least = self._newton.least_singular_values(self.state.reference.numpy()[stalled])
-                status[stalled[least <= SINGULAR * self.problem.natural_singular_value[stalled]]] = Status.BRANCH_END
-        ended = np.flatnonzero(status == int(Status.BRANCH_END))
+            ends |= (status == int(Status.STALLED)) & (self._get("step") < MIN_STEP)
+        ended = np.flatnonzero(ends)
         if len(ended):
             least = self._newton.least_singular_values(self.state.reference.numpy()[ended])
-            status[ended[least > SINGULAR * self.problem.natural_singular_value[ended]]] = Status.STALLED
+            soft = least <= SINGULAR * self.problem.natural_singular_value[ended]
+            status[ended] = np.where(soft, Status.BRANCH_END, Status.STALLED)
             if self.state.by_inputs:
                 # which what is natural here takes
                 integrations[ended] += np.broadcast_to(self.problem.guess_integrations, status.shape)[ended]

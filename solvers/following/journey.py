@@ -10,7 +10,6 @@ import numpy as np
 
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
-from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
 from multirod.solvers.following.many import alike
 from multirod.solvers.following.requests import Clamp, Descend, Run, Settle
@@ -48,7 +47,6 @@ MISSED = 0.2  # part of a step, by which it may have been wrong
 OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
 MOST_EVENTS = 16
 NEARLY = 1e-4  # singular value of Gamma, below which a mode may be neutral
-POLISHED = 1e-3  # of its unknowns, by which other equations may move the end of the way slowly
 LAST = 1e-3  # of the way, on which a neutral mode may be one that rounded kinks held until there
 
 
@@ -162,11 +160,7 @@ class Journey(Walk):
             if self.slight:
                 yield from self._polish_slight(end)
                 return
-            found, contraction = yield from self._correct(end.unknowns, 1.0, self.neutral, any_contraction=True)
-            # other equations move what is soft by more than they do what is left: by little of the whole it is the same branch
-            slow = found is not None and contraction > CONTRACTION
-            if slow and np.linalg.norm(found.unknowns - end.unknowns) > POLISHED * np.linalg.norm(end.unknowns):
-                found = None
+            found = yield from self._next_to(end.unknowns, self.neutral)
             if found is None:
                 self.status = Status.BRANCH_END
                 self._lose(end)

@@ -9,6 +9,7 @@ import numpy as np
 
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
+from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.following.descent import Point, Slope, Unfit, slope_at
 from multirod.solvers.following.many import alike
 from multirod.solvers.following.requests import At, Correct, Descend, Judge, Run, Trace
@@ -17,6 +18,7 @@ from multirod.validation import FloatArray
 
 OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step beyond a critical point
 NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
+POLISHED = 1e-3  # of the unknowns at the end of the way, by which other equations may move it slowly
 # turns along a neutral mode, where it is still neutral if symmetry makes it so: the less, the less it is bent [rad]
 ASIDE = (0.05, 0.005)
 
@@ -174,3 +176,12 @@ class Walk:
         """(7) Newton's method, without steps along ``neutral`` modes: the point, None where it fails, and its contraction."""
         answer = yield from self._ask(Correct(unknowns, level, neutral, self.tolerance, self._left, any_contraction))
         return answer.point, answer.contraction
+
+    def _next_to(self, unknowns: FloatArray, neutral: int) -> Run:
+        """The equilibrium at the end of the way by other equations than those of ``unknowns``; None where there is none near.
+
+        They may move what is soft by much of what is left: by little of the whole it is the same branch.
+        """
+        found, contraction = yield from self._correct(unknowns, 1.0, neutral, any_contraction=True)
+        slow = found is not None and contraction > CONTRACTION
+        return None if slow and np.linalg.norm(found.unknowns - unknowns) > POLISHED * np.linalg.norm(unknowns) else found
