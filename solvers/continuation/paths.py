@@ -394,8 +394,7 @@ class Paths:
         ended = np.flatnonzero(ends)
         if len(ended):
             least = self._newton.least_singular_values(self.state.reference.numpy()[ended])
-            soft = least <= SINGULAR * self.problem.natural_singular_value[ended]
-            status[ended] = np.where(soft, Status.BRANCH_END, Status.STALLED)
-            if self.state.by_inputs:
-                # which what is natural here takes
+            clear = least > SINGULAR * self.problem.natural_singular_value[ended]
+            status[ended] = np.where(clear, Status.STALLED, Status.BRANCH_END)
+            if self.state.by_inputs:  # what is natural here takes integrations
                 integrations[ended] += np.broadcast_to(self.problem.guess_integrations, status.shape)[ended]
