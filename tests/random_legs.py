@@ -78,7 +78,7 @@ def draw(number: int, seed: int = 0, most_legs: int = 8, most_load: float = 10.0
         base=base,
         platform=platform,
         joints=joints,
-        joint_axes=axes,
+        joint_axes=axes if "revolute" in joints else None,
     )
     return Drawn(robot, robot.inputs(**loads), sections, base, platform, joints, axes, loads, load)
 

@@ -243,7 +243,8 @@ def _legs(rng, length, EI, with_tubes=False):
     for own, reach in zip(sections, lengths, strict=True):
         rods = [section.rod(reach) for section in own]
         legs.append(mr.ConcentricTubes(rods) if len(rods) > 1 else rods[0])
-    robot = mr.ParallelRods(legs=legs, base=base, platform=platform, joints=joints, joint_axes=axes)
+    turning = axes if "revolute" in joints else None
+    robot = mr.ParallelRods(legs=legs, base=base, platform=platform, joints=joints, joint_axes=turning)
     waves = {
         "rotation": _wave(rng, turned),
         "tip_force": _wave(rng, log_uniform(rng, 1, 8) * count * EI / length**2 * direction(rng)),

@@ -29,8 +29,8 @@ def ring(degrees, radius):
 
 def legs(rods, joints):
     turn = 360 * np.arange(len(rods)) / len(rods)
-    axes = np.tile((0.6, 0.0, 0.8), (len(rods), 1))
-    return mr.ParallelRods(legs=rods, base=ring(turn, 0.08), platform=ring(turn + 10, 0.05), joints=joints, joint_axes=axes)
+    turning = np.tile((0.6, 0.0, 0.8), (len(rods), 1)) if "revolute" in joints else None
+    return mr.ParallelRods(legs=rods, base=ring(turn, 0.08), platform=ring(turn + 10, 0.05), joints=joints, joint_axes=turning)
 
 
 def line(offset):

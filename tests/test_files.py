@@ -130,7 +130,7 @@ ROBOTS = {
         joint="revolute",
         joint_axis=(1, 2, 3),
         slide=(0, 0.1, 0.7),
-        base_joint="spherical",
+        base_joint="revolute",
         base_joint_axis=(0, 1, 1),
     ),
     "network": lambda: network(end_effector="feeler"),

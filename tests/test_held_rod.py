@@ -258,6 +258,10 @@ def test_what_is_refused(wire):
         mr.HeldRod([wire])
     with pytest.raises(ValueError, match="HeldRod.joint = 'pinned' is not allowed"):
         mr.HeldRod(wire, joint="pinned")
+    with pytest.raises(ValueError, match=r"HeldRod.joint_axis = \(0, 1, 0\) is not allowed: .* and joint is 'clamped'"):
+        mr.HeldRod(wire, joint_axis=(0, 1, 0), base_joint="revolute")
+    with pytest.raises(ValueError, match=r"HeldRod.base_joint_axis = \(0, 1, 0\) is not allowed: .* base_joint is 'spherical'"):
+        mr.HeldRod(wire, base_joint_axis=(0, 1, 0), joint="revolute", base_joint="spherical")
     with pytest.raises(ValueError, match="HeldRod.slide"):
         mr.HeldRod(wire, slide=(0, 0, 0))
     with pytest.raises(ValueError, match="the upper left 3 x 3 block must be a rotation"):

@@ -75,7 +75,7 @@ def test_six_legs_are_parallel_rods(kind):
         base=circle(BASE_ANGLES, 0.087),
         platform=circle(PLATE_ANGLES, 0.087),
         joints=kind,
-        joint_axes=(1, 0, 0),
+        joint_axes=(1, 0, 0) if kind == "revolute" else None,
         platform_mass=0.1,
         platform_centre=(0.01, 0.02, 0.03),
     )
@@ -125,7 +125,8 @@ def test_a_rod_between_grounds_is_a_held_rod():
     end = pose((0.3, -0.2, 0.5), (0.07, 0.03, 0.32))
     for kind, base in (("clamped", "clamped"), ("spherical", "revolute"), ("revolute", "spherical")):
         axis = (0.6, 0, 0.8)
-        held = mr.HeldRod(rod, end=end, joint=kind, joint_axis=axis, base_joint=base, base_joint_axis=axis)
+        axes = {f"{name}_axis": axis for name, how in (("joint", kind), ("base_joint", base)) if how == "revolute"}
+        held = mr.HeldRod(rod, end=end, joint=kind, base_joint=base, **axes)
         given = {"rotation": 0.3, "gravity": (0, 1, 2.0), "distributed_force": (0.2, 0.5, -0.1)}
         expected = mr.solve(held, held.inputs(**given), solver=EXACT)
         joints = [
@@ -277,7 +278,7 @@ def test_stability_is_that_of_parallel_rods():
             base=circle(BASE_ANGLES, 0.087),
             platform=circle(PLATE_ANGLES, 0.087),
             joints=kind,
-            joint_axes=(1, 0, 0),
+            joint_axes=(1, 0, 0) if kind == "revolute" else None,
         )
         robot = hexapod(kind, heavy=False)
         loads = np.array([(0.5, 0, -2.0), (0.5, 0.2, -25.0)])

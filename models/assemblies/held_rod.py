@@ -47,10 +47,10 @@ class HeldRod(Assembly):
         end: Pose of what holds the end, in the world, shape (..., 4, 4), where ``end_position`` and ``end_rotation`` are zero; by
             default that of the end of the rod at rest.
         joint: At the end: ``"clamped"``, ``"revolute"`` (free to turn about its axis), or ``"spherical"`` (no moment).
-        joint_axis: Of a revolute joint, in the frame of the end's holder, shape (3,).
+        joint_axis: Of a revolute joint, and only of one, in the frame of the end's holder, shape (3,); x by default.
         slide: Direction in which the end slides without friction, in the frame of its holder, shape (3,); None if it does not.
         base_joint: At the base, as at the end.
-        base_joint_axis: Of a revolute joint there, in the frame of the base's holder, shape (3,).
+        base_joint_axis: Likewise of the joint at the base, in the frame of the base's holder.
 
     Raises:
         ValueError: If a pose is none, a joint is not one of these, an axis is zero, or the rod cannot be held so.
@@ -67,10 +67,10 @@ class HeldRod(Assembly):
         base: Numbers | None = None,
         end: Numbers | None = None,
         joint: Joint = "clamped",
-        joint_axis: Numbers = (1.0, 0.0, 0.0),
+        joint_axis: Numbers | None = None,
         slide: Numbers | None = None,
         base_joint: Joint = "clamped",
-        base_joint_axis: Numbers = (1.0, 0.0, 0.0),
+        base_joint_axis: Numbers | None = None,
     ) -> None:
         if not isinstance(rod, Rod):
             raise TypeError(f"HeldRod takes a Rod, not {type(rod).__name__}")
@@ -78,10 +78,10 @@ class HeldRod(Assembly):
         self.base = pose("HeldRod.base", base)
         self.end = None if end is None else pose("HeldRod.end", end)
         self.joint = choice("HeldRod.joint", joint, JOINTS)
-        self.joint_axis = _axis("HeldRod.joint_axis", joint_axis)
+        self.joint_axis = _joint_axis("joint", self.joint, joint_axis)
         self.slide = None if slide is None else _axis("HeldRod.slide", slide)
         self.base_joint = choice("HeldRod.base_joint", base_joint, JOINTS)
-        self.base_joint_axis = _axis("HeldRod.base_joint_axis", base_joint_axis)
+        self.base_joint_axis = _joint_axis("base_joint", self.base_joint, base_joint_axis)
         shapes = [rod.batch_shape, self.base.shape[:-2], () if self.end is None else self.end.shape[:-2]]
         try:
             np.broadcast_shapes(*shapes)
@@ -204,6 +204,14 @@ class HeldRod(Assembly):
         joints += [f"joint={self.joint!r}"] * (self.joint != "clamped")
         joints += [f"slide={self.slide.tolist()}"] if self.slide is not None else []
         return f"HeldRod({', '.join([repr(self.rods[0]), *joints])})"
+
+
+def _joint_axis(joint: str, kind: str, value: Numbers | None) -> FloatArray:
+    """What a joint turns about, (3,)."""
+    field = f"HeldRod.{joint}_axis"
+    if value is not None and kind != "revolute":
+        refuse(field, value, f"must not be given: only a 'revolute' joint has an axis, and {joint} is {kind!r}")
+    return _axis(field, (1.0, 0.0, 0.0) if value is None else value)
 
 
 def _axis(field: str, value: Numbers) -> FloatArray:

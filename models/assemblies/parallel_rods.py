@@ -29,7 +29,7 @@ from multirod.models.backbone.influence.bound import Influence, influences
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
-from multirod.models.joint_kernels import CLAMPED, JOINTS
+from multirod.models.joint_kernels import CLAMPED, JOINTS, REVOLUTE
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.derivatives.columns import input_columns
 from multirod.models.platform.derivatives.designs import PARAMETERS, parameter_size
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 
 ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
+OWN_AXIS = (0.0, 0.0, 1.0)  # of a leg: what its tip turns about where nothing else is said
 SMALLEST_AXIS = 1e-100  # whose square still is a number
 PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same distributed along the rod
 CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
@@ -67,8 +68,8 @@ class ParallelRods(Assembly):
         platform: Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4): a clamped tip takes it.
         joints: At the platform: ``"clamped"``, ``"spherical"`` (no moment), or ``"revolute"`` (free to turn about its axis),
             for all legs or one for each.
-        joint_axes: Axes of revolute joints in the frame of the attachment, shape (3,) or (leg_count, 3); the leg's own by
-            default.
+        joint_axes: Axes of revolute joints in the frame of the attachment, shape (3,) or (leg_count, 3), of which those of other
+            joints are not used; the leg's own by default. Only where a joint is revolute.
         platform_mass: [kg]; gravity acts on it at ``platform_centre``.
         platform_centre: Centre of mass in the platform's frame [m], shape (3,).
 
@@ -86,7 +87,7 @@ class ParallelRods(Assembly):
         base: Numbers,
         platform: Numbers,
         joints: Literal["clamped", "spherical", "revolute"] | Sequence[str] = "clamped",
-        joint_axes: Numbers = (0.0, 0.0, 1.0),
+        joint_axes: Numbers | None = None,
         platform_mass: float = 0.0,
         platform_centre: Numbers = (0.0, 0.0, 0.0),
     ) -> None:
@@ -96,14 +97,15 @@ class ParallelRods(Assembly):
         if not 2 <= count <= 12:
             refuse("ParallelRods.legs", Described(f"{count} legs"), "must be 2 to 12")
         mass = nonnegative_float("ParallelRods.platform_mass", platform_mass)
+        codes = _joints(joints, count)
         robots: list[BackboneAssembly] = [SingleRod(leg) if isinstance(leg, Rod) else leg for leg in legs]
         self.legs = tuple(legs)
         self.geometry = Geometry(
             robots,
             _poses("ParallelRods.base", base, count),
             _poses("ParallelRods.platform", platform, count),
-            _joints(joints, count),
-            _axes(joint_axes, count),
+            codes,
+            _axes(joint_axes, codes),
             mass,
             array("ParallelRods.platform_centre", platform_centre, (3,)),
         )
@@ -297,8 +299,11 @@ def _joints(value: str | Sequence[str], count: int) -> list[int]:
     return [JOINTS[name] for name in names]
 
 
-def _axes(value: object, count: int) -> FloatArray:
-    axes = array("ParallelRods.joint_axes", value, (3,))
+def _axes(value: object, joints: list[int]) -> FloatArray:
+    count = len(joints)
+    if value is not None and REVOLUTE not in joints:
+        refuse("ParallelRods.joint_axes", value, "must not be given: only a 'revolute' joint has an axis, and there is none")
+    axes = array("ParallelRods.joint_axes", OWN_AXIS if value is None else value, (3,))
     if axes.shape not in ((3,), (count, 3)):
         refuse("ParallelRods.joint_axes", value, f"must have shape (3,) or ({count}, 3)")
     axes = np.broadcast_to(axes, (count, 3))

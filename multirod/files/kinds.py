@@ -30,7 +30,7 @@ from multirod.models.backbone.members.line_kinds import (
     Tendon,
 )
 from multirod.models.backbone.members.lines import Line
-from multirod.models.joint_kernels import JOINTS
+from multirod.models.joint_kernels import JOINTS, REVOLUTE
 from multirod.models.network.joining.bodies import Body
 from multirod.models.network.joining.joints import AXES, Joint
 from multirod.rod import Rod, Section
@@ -140,7 +140,9 @@ def _joints(robot: ParallelRods) -> str | list[str]:
     return joints[0] if len(set(joints)) == 1 else joints
 
 
-def _joint_axes(robot: ParallelRods) -> FloatArray:
+def _joint_axes(robot: ParallelRods) -> FloatArray | None:
+    if REVOLUTE not in robot.geometry.joints:
+        return None
     axes = robot.geometry.axes
     return axes[0] if (axes == axes[0]).all() else axes
 
@@ -185,7 +187,11 @@ READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
         "platform_mass": lambda robot: robot.geometry.mass,
         "platform_centre": lambda robot: robot.geometry.mass_centre,
     },
-    "HeldRod": {"rod": lambda robot: robot.rods[0]},
+    "HeldRod": {
+        "rod": lambda robot: robot.rods[0],
+        "joint_axis": lambda robot: robot.joint_axis if robot.joint == "revolute" else None,
+        "base_joint_axis": lambda robot: robot.base_joint_axis if robot.base_joint == "revolute" else None,
+    },
     "Network": {"rods": _rods, "end_effector": _end_effector},
     "Body": {"frames": lambda body: body.frames or None},
     "Joint": {
