@@ -752,3 +752,10 @@ def test_growth_is_the_largest_singular_value_and_none_where_numbers_are_lost():
     found = largest_singular_value(blocks)
     np.testing.assert_allclose(found[:4], expected, rtol=1e-7)  # the root of a cubic: half of the digits where two are alike
     assert np.isnan(found[4:]).all()
+
+
+def test_a_step_that_overflows_is_infinitely_long():
+    points = Breakpoints(np.array([0.0, 0.5, 1.0]), np.zeros((2, 18)), np.zeros(3), np.full(2, 4))
+    cuts = Cuts.of_points({0: points})
+    assert Step(np.full((1, 3), 1e200), np.zeros((2, 6))).norm(cuts) == np.inf
+    assert Step(np.zeros((1, 3)), np.full((2, 6), 1e200)).norm(cuts) == np.inf

@@ -60,8 +60,9 @@ class Step:
         return Step(own, np.concatenate([self.rows, other.rows])[replaced_rows(cuts, some, others)])
 
     def norm(self, cuts: Cuts) -> FloatArray:
-        """Euclidean, of each instance, shape (count,)."""
-        return np.asarray(np.sqrt((self.own**2).sum(axis=1) + np.add.reduceat((self.rows**2).sum(axis=1), cuts.first[:-1])))
+        """Euclidean, of each instance, shape (count,); infinite where its square is."""
+        with np.errstate(over="ignore"):
+            return np.asarray(np.sqrt((self.own**2).sum(axis=1) + np.add.reduceat((self.rows**2).sum(axis=1), cuts.first[:-1])))
 
 
 class Room:
