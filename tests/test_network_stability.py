@@ -24,7 +24,7 @@ def eliminated(problem, monkeypatch, *, with_joints):
         elements, state = Elements(problem), problem.state()
         elimination = own._elimination(elements)
         joints = own._freed(state, elimination)
-        form = own._form(state, elements, elimination)[0].toarray()
+        form = own._form(state, elements, elimination)[0]
         hidden, known = own._of_rods(joints)
     assert known[0]
     assert elimination.sound[0]

@@ -108,7 +108,7 @@ def test_the_path_from_the_network_taken_apart_has_a_potential():
             assert np.abs(problem.evaluate(x)[0]).max() < 1e-9
             problem.integrate_rods()
             elements, own = Elements(problem), problem.stability
-            form = own._form(problem.state(), elements, own._elimination(elements))[0].toarray()
+            form = own._form(problem.state(), elements, own._elimination(elements))[0]
     # numbers of up to 80; fifty steps leave 4e-6, a softness along the bases or torques about fixed axes 0.1
     np.testing.assert_allclose(form, form.T, atol=1e-4)
 

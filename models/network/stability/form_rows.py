@@ -91,6 +91,12 @@ class FormRows:
         return np.asarray(self.size - count + np.arange(count).reshape(-1, POSE))
 
     @cached_property
+    def of_numbers(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Row and column of each of these, then of each of ``of_loads``."""
+        row, column = (np.concatenate(own) for own in zip(self.of_elements[1:], self.of_loads, strict=True))
+        return row, column
+
+    @cached_property
     def of_loads(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Rows and columns of how loads on bodies change with their turns."""
         row, column = np.broadcast_arrays(self.of_poses[:, :, None], self.of_poses[:, None, 3:])

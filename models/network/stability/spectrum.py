@@ -4,6 +4,7 @@ Numbers in parentheses are those of ``docs/networks.md``.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,14 +84,40 @@ def _whole(form: "csr_matrix[np.float64]", count: int) -> tuple[FloatArray, Floa
     return values[0, first : first + count], uncertainty[0, first : first + count], first
 
 
-def block_diagonal(diagonal: FloatArray, places: NDArray[np.intp], blocks: FloatArray) -> "csr_matrix[np.float64]":
-    """A sparse matrix with a ``diagonal`` (n,), but ``blocks`` (k, 3, 3) at ``places`` (k, 3)."""
-    from scipy.sparse import csr_matrix
+@dataclass(frozen=True)
+class Scales:
+    """Matrices that are diagonal but for blocks of three rows, of each instance.
 
-    alone = np.ones(len(diagonal), dtype=bool)
-    alone[places.reshape(-1)] = False
-    at = np.flatnonzero(alone)
-    rows, columns = np.broadcast_arrays(places[:, :, None], places[:, None])
-    values = np.concatenate([diagonal[at], blocks.reshape(-1)])
-    both = np.concatenate([at, rows.reshape(-1)]), np.concatenate([at, columns.reshape(-1)])
-    return csr_matrix((values, both), shape=(len(diagonal), len(diagonal)))
+    Attributes:
+        diagonal: Shape (instance, n).
+        places: Rows of the blocks, shape (k, 3).
+        blocks: In the place of what is on the diagonal there, shape (instance, k, 3, 3).
+    """
+
+    diagonal: FloatArray
+    places: NDArray[np.intp]
+    blocks: FloatArray
+
+    def before(self, matrices: FloatArray) -> FloatArray:
+        """Their products with ``matrices`` (instance, n, m)."""
+        result = self.diagonal[..., None] * matrices
+        result[:, self.places] = self.blocks @ matrices[:, self.places]
+        return result
+
+    def after(self, matrices: FloatArray) -> FloatArray:
+        """The products of ``matrices`` (instance, m, n) with them."""
+        turned = Scales(self.diagonal, self.places, self.blocks.swapaxes(-1, -2))
+        return turned.before(matrices.swapaxes(-1, -2)).swapaxes(-1, -2)
+
+    def sparse(self, instance: int) -> "csr_matrix[np.float64]":
+        """One of them."""
+        from scipy.sparse import csr_matrix
+
+        diagonal, places = self.diagonal[instance], self.places
+        alone = np.ones(len(diagonal), dtype=bool)
+        alone[places.reshape(-1)] = False
+        at = np.flatnonzero(alone)
+        rows, columns = np.broadcast_arrays(places[:, :, None], places[:, None])
+        values = np.concatenate([diagonal[at], self.blocks[instance].reshape(-1)])
+        both = np.concatenate([at, rows.reshape(-1)]), np.concatenate([at, columns.reshape(-1)])
+        return csr_matrix((values, both), shape=(len(diagonal), len(diagonal)))

@@ -20,7 +20,7 @@ from multirod.models.backbone.stability.condensing.second_variation import (
 from multirod.models.network.elements.elements import GAP_AT, OWN, TURN_AT, Elements
 from multirod.models.network.joining.joints import MOST
 from multirod.models.network.joining.sliding import slid
-from multirod.models.network.stability.spectrum import NEAREST, SPARSE, block_diagonal, nearest_to_zero
+from multirod.models.network.stability.spectrum import NEAREST, SPARSE, Scales, nearest_to_zero
 from multirod.models.network.state import forces_on, reference_state
 from multirod.stability import Modes, StabilityAnalysis
 from multirod.validation import FloatArray
@@ -77,11 +77,12 @@ class NetworkStability(StabilityAnalysis):
             joints = self._freed(state, elimination)
             form = self._form(state, elements, elimination)
             hidden, known = self._of_rods(joints)
-        known &= elimination.sound & np.array([np.isfinite(own.data).all() for own in form])
+        sparse = isinstance(form, list)
+        known &= elimination.sound & np.array([np.isfinite(own.data if sparse else own).all() for own in form])
         potential = self.has_potential
         blocks = self.rows.constraints
         hidden = hidden - sum(len(own) for own in blocks)
-        if form[0].shape[0] >= SPARSE:
+        if sparse:
             values, uncertainty = np.full((2, count, NEAREST), np.nan)
             for k in np.flatnonzero(known & potential).tolist():
                 found = nearest_to_zero(form[k], blocks, NEAREST)
@@ -90,12 +91,12 @@ class NetworkStability(StabilityAnalysis):
                     values[k], uncertainty[k], below = found
                     hidden[k] += below
         else:
-            values, uncertainty = symmetric_eigenvalues(np.stack([own.toarray() for own in form]), known & potential)
+            values, uncertainty = symmetric_eigenvalues(form, known & potential)
         if not form[0].shape[0]:  # rods between fixed places have nothing that is free
             values, uncertainty = np.full((count, 1), np.inf), np.zeros((count, 1))
         diverging = known & ~potential
         if diverging.any():
-            matrices = np.stack([form[k].toarray() for k in np.flatnonzero(diverging).tolist()])
+            matrices = np.stack([form[k].toarray() if sparse else form[k] for k in np.flatnonzero(diverging).tolist()])
             diverging[diverging] = np.sign(certain_determinant(matrices)) * (-1.0) ** hidden[diverging] < 0
         return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
 
@@ -179,9 +180,9 @@ class NetworkStability(StabilityAnalysis):
         turned = np.swapaxes(frame, -1, -2)
         return TipJoint(*(np.where(here, frame @ own @ turned, 0.0) for own in (free, spring)))
 
-    def _form(self, state: "State", elements: Elements, elimination: "Elimination") -> list[Any]:
+    def _form(self, state: "State", elements: Elements, elimination: "Elimination") -> Any:  # noqa: ANN401  (SciPy's)
         """(16), (16b) By a force on each tip that is held, or the turn of one that is free, then tensions, then angles of joints,
-        then poses, in units of energy. A sparse matrix of each instance."""
+        then poses, in units of energy, shape (instance, size, size); where that is large, a list of sparse matrices."""
         problem, layout = self.problem, self.problem.layout
         count, held, m = problem.instance_count, self.problem.graph.ends[1].held, layout.own
         angles = layout.angles_at[1]
@@ -211,24 +212,26 @@ class NetworkStability(StabilityAnalysis):
         by_own[..., gone][elimination.freed], by_own[..., gone, :][elimination.freed] = 0.0, 0.0
         numbers = by_own.reshape(count, -1)
         loads = -problem.networks.load_turns.numpy()[:, : problem.body_count].reshape(count, -1)
-        (there, *places), total = self.rows.of_elements, self.rows.size
+        total, (row, column) = self.rows.size, self.rows.of_numbers
+        values = np.concatenate([numbers[:, self.rows.of_elements[0]], loads], axis=1)
         left, right = self._in_units_of_energy(state)
-        from scipy.sparse import csc_matrix, diags
-
-        result = []
-        for k in range(count):
-            values = np.concatenate([numbers[k][there], loads[k]])
-            row, column = (np.concatenate(own) for own in zip(places, self.rows.of_loads, strict=True))
-            whole = csc_matrix((values, (row, column)), shape=(total, total))
-            stiff = np.zeros(total)
+        stiff = np.zeros((count, total))
+        for k in np.flatnonzero(elimination.freed.any(axis=1)).tolist():
             at = problem.places[elimination.freed[k], angles]
-            stiff[self.rows.of(at[at >= 0])] = STIFF
-            result.append(csc_matrix(left[k] @ whole @ right[k] + diags(stiff)))
-        return result
+            stiff[k, self.rows.of(at[at >= 0])] = STIFF
+        if total >= SPARSE:
+            from scipy.sparse import csc_matrix, diags
 
-    def _in_units_of_energy(self, state: "State") -> tuple[list[Any], list[Any]]:
+            whole = [csc_matrix((own, (row, column)), shape=(total, total)) for own in values]
+            return [csc_matrix(left.sparse(k) @ own @ right.sparse(k) + diags(stiff[k])) for k, own in enumerate(whole)]
+        dense = np.stack([np.bincount(row * total + column, weights=own, minlength=total**2) for own in values])
+        dense = left.before(right.after(dense.reshape(count, total, total)))
+        dense[:, range(total), range(total)] += stiff
+        return dense
+
+    def _in_units_of_energy(self, state: "State") -> tuple[Scales, Scales]:
         """(16b), (17) What makes rows derivatives of the energy, by displacements that are not scaled but in units of what is
-        one: matrices on the left and on the right of the form, of each instance."""
+        one: what stands on the left and on the right of the form."""
         problem, rods, size = self.problem, self.problem.rod_count, self.rows.size
         held = problem.graph.ends[1].held
         L, EI = problem.length, problem.stiffness
@@ -273,9 +276,10 @@ class NetworkStability(StabilityAnalysis):
             balls.append(self.rows.of(problem.places[spherical, angles]))
             blocks.append(np.swapaxes(state.ends[end].joints.turns[:, spherical], -1, -2))
         at, block = np.concatenate(balls), np.concatenate(blocks, axis=1)
+        turned = poses[:, 3:]
         return (
-            [block_diagonal(rows[k], at, block[k] * rows[k][at][:, None, :]) for k in range(count)],
-            [block_diagonal(columns[k], poses[:, 3:], turns[k] * columns[k][poses[:, 3:]][:, :, None]) for k in range(count)],
+            Scales(rows, at, block * rows[:, at][:, :, None, :]),
+            Scales(columns, turned, turns * columns[:, turned][..., None]),
         )
 
     def _units(self) -> tuple[FloatArray, FloatArray]:
