@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from random_networks import draw, violation
-from test_network import EXACT, FORCE, GRAVITY, RK4, hexapod, parallel
+from test_network import BASE_ANGLES, EXACT, FORCE, GRAVITY, LEG, PLATE_ANGLES, RK4, circle, hexapod, parallel, pose
 
 import multirod as mr
 from multirod.models.network.elements import groups
 from multirod.models.network.elements.elements import Elements
 from multirod.models.network.starting import NetworkJoints
+from multirod.models.platform.starting.guess import COMPLIANCES
 from multirod.solvers.continuation.natural import natural_branch
 
 MOST = 15  # integrations of a cold start: one apart, one together, one without loads, those of one step
@@ -70,7 +71,7 @@ def test_legs_that_differ_a_little_are_put_together_by_more_steps(kind, monkeypa
 def test_what_has_to_bend_is_put_together_step_by_step():
     """Legs of different lengths: Newton's second step is longer than the first; what was tried is forgotten."""
     robot = hexapod()
-    inputs = robot.inputs(translation=np.array([[0.01, 0, 0, -0.01, 0, 0.005], [0.01] * 6]), gravity=GRAVITY)
+    inputs = robot.inputs(translation=np.array([[0.04, 0, 0, -0.04, 0, 0.02], [0.01] * 6]), gravity=GRAVITY)
     problem = robot.problem(inputs, integrator=RK4)
     together = problem.joints.together()
     assert together.sound.tolist() == [False, True]
@@ -120,3 +121,65 @@ def test_what_buckles_on_the_way_is_followed():
     assert solution.status == mr.Status.SNAPPED
     assert solution.stability == mr.Stability.STABLE
     assert violation(drawn, solution) < 1e-6  # the default integrator promises as much
+
+
+def bent_legs(kinds, most=0.022, tilt=0.0):
+    """Legs that differ by ``most`` [m], on feet that are turned and tilted, the ground turned too."""
+    lengths = 0.4 + most * np.array([-0.13, -0.13, 0, 1, 1, 0])
+    rods = [mr.Rod.tube(length=length, outer_diameter=2e-3, young_modulus=2e11, shear_modulus=8e10) for length in lengths]
+    feet = np.array([pose((tilt, -tilt, 2 * tilt * k), own[:3, 3]) for k, own in enumerate(circle(BASE_ANGLES, 0.087))])
+    axes = (1, 0, 0) if "revolute" in kinds else None
+    whole = pose((0.5, -0.3, 0.2), (0.1, 0, 0))
+    return mr.ParallelRods(legs=rods, base=whole @ feet, platform=circle(PLATE_ANGLES, 0.087), joints=kinds, joint_axes=axes)
+
+
+@pytest.mark.parametrize("kinds", [["clamped"] * 6, ["clamped", "revolute", "spherical"] * 2])
+def test_rods_that_have_to_bend_begin_as_beams(kinds):
+    """(11) of ``docs/parallel.md``: the unknowns of legs are those at which ``ParallelRods`` begins."""
+    short = bent_legs(kinds, tilt=0.1)
+    robot = mr.stacked(short)
+    problem, own = (one.problem(one.inputs(), integrator=RK4) for one in (robot, short))
+    apart = problem.closing.apart()
+    with problem.closing.unloaded(), own.closing.unloaded():
+        candidates = own.closing._bent(*own.closing.unloaded_legs())
+        for compliance, expected in zip(COMPLIANCES, candidates, strict=True):
+            x = apart.beams.bent(problem, apart.unknowns, compliance)
+            found = x[0, problem.places[:, :6]].reshape(-1)
+            np.testing.assert_allclose(found, expected[0, :36], rtol=0, atol=1e-9 * np.abs(expected).max())
+            problem.write("unknowns", x)
+            own.write("unknowns", expected)
+            np.testing.assert_allclose(problem.body_poses()[0][:, 0], own.pose()[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_bodies_on_beams_are_put_together_at_once(count, monkeypatch):
+    """Body by body; to where the path from the network taken apart leads, in half of its integrations at most."""
+    robot = mr.stacked(*[bent_legs(["clamped"] * 6)] * count)
+    assert [body for body, _ in robot.graph.standing] == list(range(count))
+    problem = robot.problem(robot.inputs(), integrator=RK4)
+    together = problem.joints.together()
+    assert together.sound.all()
+    with problem.at_load(0.0):
+        assert np.abs(problem.evaluate(together.unknowns)[0]).max() < 1e-12  # what is left of the residual closes as loads rise
+    inputs = robot.inputs(force={robot.load_places[-1]: (0.3, 0.1, -1.0)})
+    found = mr.solve(robot, inputs, solver=EXACT)
+    monkeypatch.setattr(NetworkJoints, "together", lambda joints: None)
+    expected = mr.solve(robot, inputs, solver=EXACT)
+    assert found.status == expected.status == mr.Status.CONVERGED
+    assert 2 * found.integrations < expected.integrations
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, atol=1e-9)  # of residuals of 1e-11
+
+
+def test_what_beams_do_not_know_begins_otherwise():
+    """A rod between two bodies, a spring at a tip, a tip on the ground."""
+    plate, top = mr.Body("plate"), mr.Body("top")
+    stands = [mr.Joint(name, "base", to=mr.ground, pose=pose(position=(x, 0, 0))) for name, x in (("a", 0), ("b", 0.1))]
+    tips = [mr.Joint("a", "tip", to=plate), mr.Joint("b", "tip", to=top)]
+    brace = [mr.Joint("c", "base", to=plate), mr.Joint("c", "tip", to=top)]
+    on_ground = [mr.Joint("c", "base", to=plate), mr.Joint("c", "tip", to=mr.ground)]
+    spring = [tips[0], mr.Joint("b", "tip", to=top, kind="spherical", stiffness=1.0)]
+    rods = {name: LEG for name in "abc"}
+    order = mr.Network(rods=rods, bodies=[top, plate], joints=stands + tips + brace).graph.standing
+    assert [(body, rods.tolist()) for body, rods in order] == [(1, [0]), (0, [1, 2])]
+    for joints in (tips + on_ground, spring + brace):
+        assert not mr.Network(rods=rods, bodies=[plate, top], joints=stands + joints).graph.standing

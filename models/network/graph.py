@@ -237,6 +237,26 @@ class Graph:
         return self.whole[0].with_base(self.base @ base.pose[..., 0, :, :])
 
     @cached_property
+    def standing(self) -> list[tuple[int, NDArray[np.intp]]]:
+        """Bodies that move in an order in which each stands on those before it, with the rods that hold it by their tips; none
+        where a rod is joined otherwise, or by a joint that beams do not know: these turn at tips, freely, about one axis or
+        all."""
+        (base, tip), known = self.ends, np.arange(len(self.bodies) + 1) == GROUND
+        table, held = tip.table, tip.held
+        told = (table.free == table.count) & (table.count != 2) & ~table.slides.any(axis=1) & ~table.stiffness.any(axis=1)
+        if self.slides.count or base.table.free.any() or not told.all() or (tip.frame == GROUND).any():
+            return []
+        found: list[tuple[int, NDArray[np.intp]]] = []
+        while len(found) < len(self.bodies):
+            own = {k: np.flatnonzero(held & (tip.frame == k)) for k in np.flatnonzero(~known).tolist()}
+            ready = [(k - 1, rods) for k, rods in own.items() if len(rods) and known[base.frame[rods]].all()]
+            if not ready:
+                return []
+            found += ready
+            known[[1 + k for k, _ in ready]] = True
+        return found
+
+    @cached_property
     def depth(self) -> int:
         """Rods on the way from the ground to what is furthest from it."""
         steps = np.full(len(self.bodies) + 1, len(self.names) + 1)

@@ -4,19 +4,32 @@ Numbers in parentheses are those of ``docs/networks.md``.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading, Starts, Together
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.starts import APART
+from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
 from multirod.models.network.elements.elements import GAP_AT
 from multirod.models.network.elements.groups import ON_RODS
 from multirod.models.network.joining.placing import placed
 from multirod.models.network.poses import fixed_poses, pose_unknowns
+from multirod.models.platform.starting.guess import (
+    COMPLIANCES,
+    SHORT,
+    Attachments,
+    BeamEquilibrium,
+    Legs,
+    fitted_platform,
+    tip_answers,
+)
 from multirod.models.platform.starting.starts import crowded
+from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -25,6 +38,7 @@ if TYPE_CHECKING:
 CLOSING = 6  # steps of Newton's method by which a network is put together at once
 WIDEST = 3.0  # times the first of them, that any may be
 CONTRACTION = 0.3  # largest ratio of Newton's steps that put a network together at once, as of those on a branch
+JOINT_CODES = {0: CLAMPED, 1: REVOLUTE, 3: SPHERICAL}  # by the coordinates of a joint
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
 
 
@@ -38,6 +52,7 @@ class Apart:
         residual: There, without loads [1/m], shape (instance_count, n).
         gamma: The numbers of ``Gamma`` there that are kept, shape (instance_count, k).
         turned: From the frames of the bases to those of what holds the tips, shape (instance_count, rod, 3, 3).
+        beams: How rods answer at their tips, where all bodies stand on rods that may be taken for beams.
     """
 
     inputs: FloatArray
@@ -45,6 +60,69 @@ class Apart:
     residual: FloatArray
     gamma: FloatArray
     turned: FloatArray
+    beams: "Beams | None"
+
+
+class Beams:
+    """Rods at rest, as integrated, for equation (11) of ``docs/parallel.md``; in the frames of their bases, axes (instance, ...).
+
+    Attributes:
+        tip, turn: Position (..., rod, 3) and rotation (..., rod, 3, 3) of the tips.
+        answers: ``tip_answers`` of each rod, shapes (..., m, 6) and (..., 6, 6).
+    """
+
+    def __init__(self, problem: "NetworkProblem") -> None:
+        shape = problem.instance_count, problem.rod_count
+        self.tip, self.turn = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
+        self.answers = [(np.zeros(0), np.zeros(0))] * problem.rod_count
+        for group in problem.groups:
+            self.tip[:, group.members], self.turn[:, group.members] = group.tips()
+            unknowns, flexibility = tip_answers(group.backbones, (shape[0], len(group.members)))
+            for place, rod in enumerate(group.members.tolist()):
+                self.answers[rod] = unknowns[:, place], flexibility[:, place]
+
+    def bent(self, problem: "NetworkProblem", x: FloatArray, compliance: float) -> FloatArray:
+        """Unknowns of the network put together without loads, its rods beams that give way along themselves by ``compliance``
+        [L^3/EI], from those of the network taken apart: body by body, as what stands on a body leaves no wrench on it."""
+        x, table = np.array(x), problem.graph.ends[1].table
+        for body, rods in problem.graph.standing:
+            problem.write("unknowns", x)
+            state = problem.state()
+            base, poses = state.ends[0], state.frames
+            legs = self._legs(problem, rods, base.position[:, rods], base.rotation[:, rods]).softened((compliance,))
+            arm, frame = (values[:, rods] for values in problem.attachments[1])
+            at = Attachments(arm, frame, np.array([JOINT_CODES[k] for k in table.count[rods].tolist()]), table.inner[rods, :, 0])
+            shape = len(x), len(rods)
+            beams = problem.tool((BeamEquilibrium, *shape), partial(BeamEquilibrium, *shape))
+            position, rotation, added = beams.found(legs, at, *fitted_platform(legs, at))
+            places, frames = poses.position[:, poses.moving].copy(), poses.rotation[:, poses.moving].copy()
+            places[:, body], frames[:, body] = position, rotation
+            x[:, problem.first_pose :] = pose_unknowns(problem, places, frames)
+            for rod, change in zip(rods.tolist(), added, strict=True):
+                x[:, problem.places[rod, : change.shape[1]]] += change
+        if not table.free.any():
+            return x
+        problem.write("unknowns", x)
+        base, end = problem.state().ends
+        inward = np.swapaxes(end.frame, -1, -2)
+        angles = table.fitted(inward @ base.rotation @ self.turn, np.zeros_like(self.tip))
+        _set_angles(problem, x, problem.layout.angles_at[1], angles)
+        return x
+
+    def _legs(self, problem: "NetworkProblem", rods: NDArray[np.intp], position: FloatArray, rotation: FloatArray) -> Legs:
+        """Some rods in the world, their bases at ``position`` and ``rotation``."""
+        turns = np.zeros((*position.shape[:2], 6, 6))
+        turns[..., :3, :3], turns[..., 3:, 3:] = rotation, rotation
+        back = turns.swapaxes(-1, -2)
+        flexibility = np.stack([self.answers[rod][1] for rod in rods.tolist()], axis=1)
+        return Legs(
+            position + (rotation @ self.tip[:, rods, :, None])[..., 0],
+            rotation @ self.turn[:, rods],
+            turns @ flexibility @ back,
+            [self.answers[rod][0] @ back[:, k] for k, rod in enumerate(rods.tolist())],
+            problem.length[:, rods],
+            problem.stiffness[:, rods],
+        )
 
 
 def taken_apart(problem: "NetworkProblem", inputs: FloatArray) -> Apart:
@@ -59,12 +137,13 @@ def taken_apart(problem: "NetworkProblem", inputs: FloatArray) -> Apart:
         problem.write("unknowns", x)
         problem.closing.soft[:] = 1.0
         problem.integrate()
+        beams = Beams(problem) if problem.graph.standing else None
         _place(problem, x)
         problem.write("unknowns", x)
         problem._assemble()
         gamma, (base, tip) = np.array(problem.closing.numbers()), problem.state().ends
         turned = problem.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation
-        return Apart(inputs, x, problem.read("residual"), gamma, turned)
+        return Apart(inputs, x, problem.read("residual"), gamma, turned, beams)
 
 
 def _place(problem: "NetworkProblem", x: FloatArray) -> None:
@@ -185,9 +264,34 @@ class NetworkJoints(Joints):
                 before = size
                 if not on.any():
                     break
+            self._as_beams(~sound & np.isfinite(first), unknowns, residual, sound, integrations)
         self.shut()
         problem.closing.opening[:] = np.where(sound[:, None], residual, 0.0)
         return Together(unknowns, sound, integrations)
+
+    def _as_beams(
+        self, on: BoolArray, unknowns: FloatArray, residual: FloatArray, sound: BoolArray, integrations: NDArray[np.int_]
+    ) -> None:
+        """From where rods are taken for beams, of those that are ``on``, in place: as long as Newton's step gets shorter."""
+        problem, apart = self.problem, self.problem.closing.apart()
+        if apart.beams is None:
+            return
+        before = np.full(len(on), np.inf)
+        for compliance in COMPLIANCES:
+            if not on.any():
+                return
+            found = apart.beams.bent(problem, apart.unknowns, compliance)
+            problem.write("unknowns", found)
+            with problem.only(on):
+                problem.integrate()
+            left, faults = problem.read("residual"), problem.fault.numpy() != 0
+            size = np.linalg.norm(problem.closing.newton_step(problem.closing.numbers(), left), axis=1)
+            short = on & ~faults & (size <= SHORT * np.linalg.norm(found, axis=1))
+            unknowns[short], residual[short] = found[short], left[short]
+            integrations += on
+            sound |= short
+            on = on & ~short & (size < before)
+            before = size
 
     def close(self, loading: Loading) -> None:  # noqa: D102
         self.problem.closing.loading[:] = int(loading)

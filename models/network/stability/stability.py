@@ -224,8 +224,8 @@ class NetworkStability(StabilityAnalysis):
 
             whole = [csc_matrix((own, (row, column)), shape=(total, total)) for own in values]
             return [csc_matrix(left.sparse(k) @ own @ right.sparse(k) + diags(stiff[k])) for k, own in enumerate(whole)]
-        dense = np.stack([np.bincount(row * total + column, weights=own, minlength=total**2) for own in values])
-        dense = left.before(right.after(dense.reshape(count, total, total)))
+        added = [np.bincount(row * total + column, weights=own, minlength=total**2) for own in values]
+        dense = left.before(right.after(np.array(added, dtype=np.float64).reshape(count, total, total)))
         dense[:, range(total), range(total)] += stiff
         return dense
 

@@ -20,6 +20,7 @@ from multirod.models.platform.starting.guess import (
     Legs,
     beam_reach,
     fitted_platform,
+    tip_answers,
 )
 from multirod.rotations import matrices
 from multirod.validation import FloatArray
@@ -171,11 +172,8 @@ class Closing:
         by_wrench: list[FloatArray] = [np.zeros(0)] * legs
         for group in self.problem.groups:
             own, members = group.backbones, list(group.members)
-            m, shape = own.unknown_count, (count, len(members))
-            torques = own.read("gamma").reshape(*shape, m, m)[:, :, POSE:]
-            loads = np.concatenate([own.wrench_columns.numpy().reshape(*shape, POSE, -1)[..., :m], torques], axis=2)
-            unknowns = np.linalg.solve(loads, np.broadcast_to(np.eye(m, POSE), (*shape, m, POSE)))
-            flexibility[:, members] = own.pose_columns.numpy().reshape(*shape, POSE, -1)[..., :m] @ unknowns
+            shape = count, len(members)
+            unknowns, flexibility[:, members] = tip_answers(own, shape)
             position[:, members] = own.read("position").reshape(*shape, 3)
             rotation[:, members] = own.read("rotation").reshape(*shape, 3, 3)
             for place, leg in enumerate(members):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from multirod.kernels.shared import Shared
 from multirod.launch import record
+from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.models.platform.starting.beam_kernels import (
     ARM_AT,
@@ -88,6 +89,17 @@ class Attachments:
     def repeated(self, count: int) -> "Attachments":
         """All instances, so many times."""
         return replace(self, arm=_repeated(self.arm, count), frame=_repeated(self.frame, count))
+
+
+def tip_answers(own: BackboneProblem, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """How rods that were integrated, (instance, leg), answer force and moment on their tips, while the torques of their tubes and
+    what drives their lines stay: changes of the unknowns, shape (*shape, m, 6), and of the tips' poses, (*shape, 6, 6).
+    """
+    m = own.unknown_count
+    torques = own.read("gamma").reshape(*shape, m, m)[:, :, 6:]
+    loads = np.concatenate([own.wrench_columns.numpy().reshape(*shape, 6, -1)[..., :m], torques], axis=2)
+    unknowns = np.linalg.solve(loads, np.broadcast_to(np.eye(m, 6), (*shape, m, 6)))
+    return unknowns, own.pose_columns.numpy().reshape(*shape, 6, -1)[..., :m] @ unknowns
 
 
 def _repeated(values: FloatArray, count: int) -> FloatArray:
