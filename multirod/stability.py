@@ -88,6 +88,11 @@ class Modes:
             return np.asarray(np.abs(self.values) <= NEUTRAL + self.uncertainty)
 
     @property
+    def soft(self) -> NDArray[np.intp]:
+        """How many modes cannot be told from neutral ones, shape (batch,)."""
+        return np.asarray(self._soft.sum(axis=1))
+
+    @property
     def neutral(self) -> NDArray[np.bool_]:
         """Whether a mode cannot be told from a neutral one, shape (batch,)."""
         return np.asarray(self.known & self._soft.any(axis=1))

@@ -14,7 +14,7 @@ from scipy.special import ellipe, ellipk
 import multirod as mr
 from multirod.models.held.table import free_in_balls
 from multirod.solvers.following.journey import Journey
-from multirod.solvers.following.requests import Answer, Judge
+from multirod.solvers.following.requests import Answer, Judge, Judgement
 
 EI, LENGTH = 0.02, 0.5
 STRIP = mr.Rod(length=LENGTH, bending_stiffness=(4 * EI, EI), torsional_stiffness=0.015)
@@ -382,10 +382,9 @@ def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(b
             request = asked.send(answer)
             level = request.point.level if isinstance(request, Judge) else request.level
             levels.append(level)
-            index = np.array([1 if level == 0.9 else before])
+            index = 1 if level == 0.9 else before
             if isinstance(request, Judge):
-                modes = SimpleNamespace(known=np.array([True]), index=index, diverging=np.array([False]))
-                answer = SimpleNamespace(modes=modes)
+                answer = Judgement(index, stands=index == 0, soft=0)
             else:
                 answer = Answer(SimpleNamespace(**vars(critical) | {"level": request.level}), 1, 1, spent=False, contraction=0.0)
     assert ends == [meant]

@@ -18,8 +18,9 @@ from multirod.solvers.energy_descent import EnergyDescent, EnergyDescentTrack
 from multirod.solvers.following.descent import ClampedTurns, Point, Points, Turns
 from multirod.solvers.following.journey import Journey
 from multirod.solvers.following.many import correct, descend, trace
-from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Judgement, Request, Run, Settle, Trace
+from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Judgement, Request, Run, Settle, Trace, Weigh
 from multirod.solvers.following.walk import NOISY
+from multirod.stability import StabilityAnalysis
 from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
@@ -162,9 +163,9 @@ class _Together:
             return self._integrate_clamped(clamped)
         if damped := {k: own for k, own in asked.items() if isinstance(own, Settle)}:
             return self._settle(damped)
-        judged = {k: own for k, own in asked.items() if isinstance(own, Judge)}
-        self._steps[list(judged)] += self._each[list(judged)]
-        return self._judge(judged)
+        some = {k: own for k, own in asked.items() if isinstance(own, Judge)}
+        weighed = {k: own for k, own in asked.items() if isinstance(own, Weigh)}
+        return self._judge(some) if some else self._weigh(weighed)
 
     def _next(self, runs: dict[int, Run], asked: dict[int, Request], k: int, answer: object) -> None:
         asked.pop(k, None)
@@ -285,15 +286,29 @@ class _Together:
         return {k: (found[k] if rest[k] else None, int(outcome.integrations[k])) for k in asked}
 
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:
+        with self._standing(asked) as stability:
+            modes = stability.modes()
+        index, soft = modes.index, modes.soft
+        stands = (index == 0) & ~modes.diverging
+        return {k: Judgement(int(index[k]), bool(stands[k]), int(soft[k])) for k in asked}
+
+    def _weigh(self, asked: dict[int, Weigh]) -> dict[int, float]:
+        with self._standing(asked) as stability:
+            potential = stability.potential()
+        return {k: float(potential[k]) for k in asked}
+
+    @contextmanager
+    def _standing(self, asked: Mapping[int, Judge | Weigh]) -> Iterator[StabilityAnalysis]:
+        """Within it, instances are at the points that they ask of."""
         stability = self.part.stability
         assert stability is not None  # or there was nothing to follow
+        self._steps[list(asked)] += self._each[list(asked)]
         values = self.part.read("unknowns")
-        for k, judge in asked.items():
-            values[k], self.levels[k] = judge.point.unknowns, judge.point.level
+        for k, request in asked.items():
+            values[k], self.levels[k] = request.point.unknowns, request.point.level
         self.part.write("unknowns", values)
         with self._placed(self.part), self.part.everyone():
-            modes, potential = stability.modes(), stability.potential()
-        return {k: Judgement(modes.take([k]), float(potential[k])) for k in asked}
+            yield stability
 
 
 def _polish(problem: BoundaryProblem, places: IntArray, journeys: Sequence[Journey]) -> None:

@@ -12,7 +12,7 @@ from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
 from multirod.solvers.following.many import alike
-from multirod.solvers.following.requests import Clamp, Descend, Run, Settle
+from multirod.solvers.following.requests import Clamp, Descend, Run, Settle, Weigh
 from multirod.solvers.following.walk import Walk
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -164,7 +164,7 @@ class Journey(Walk):
             if found is None:
                 self.status = Status.BRANCH_END
                 self._lose(end)
-            elif self.potential and (yield from self._judge(found)).modes.index[0] > 0:
+            elif self.potential and (yield from self._judge(found)).index > 0:
                 self.status = Status.UNSTABLE
             else:
                 self.end = found
@@ -186,7 +186,7 @@ class Journey(Walk):
             self.events.pop()
             self.status = self.said
             found, _ = yield from self._correct(unbent, 1.0, 0, any_contraction=True)
-        if found is None or (yield from self._judge(found)).modes.index[0] > 0:
+        if found is None or (yield from self._judge(found)).index > 0:
             self.status = Status.BRANCH_END
         else:
             self.end = found
@@ -206,9 +206,8 @@ class Journey(Walk):
 
     def _rests(self, point: Point, neutral: int) -> Run:
         """Whether a point is stable but for modes that symmetry leaves neutral."""
-        modes = (yield from self._judge(point)).modes
-        stands = bool(modes.known[0] and modes.index[0] == 0 and not modes.diverging[0])
-        return stands and (self.slight or int(modes._soft[0].sum()) == neutral)
+        judgement = yield from self._judge(point)
+        return judgement.stands and (self.slight or judgement.soft == neutral)
 
     # ---- leaving a branch ----
 
@@ -285,9 +284,10 @@ class Journey(Walk):
         found, _ = yield from self._correct(rest.unknowns, critical.level, neutral)
         if found is None or not alike(found.gamma, rest.gamma, neutral):
             found, critical = rest, replace(critical, level=beyond.level, unknowns=beyond.unknowns)
-        before = yield from self._judge(replace(critical, unknowns=critical.unknowns[: len(self.start)]))
-        after = yield from self._judge(found)
-        return before.potential - after.potential, found.position - critical.position
+        self._count(2)
+        before = yield Weigh(replace(critical, unknowns=critical.unknowns[: len(self.start)]))
+        after = yield Weigh(found)
+        return before - after, found.position - critical.position
 
     def _kind(self, critical: Point, beyond: Point, landed: Point, first: FloatArray) -> Run:
         """(6) Whether a point that was come to is on a branch that leaves the critical point, or elsewhere; None where it is on

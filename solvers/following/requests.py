@@ -7,23 +7,36 @@ from typing import Any
 import numpy as np
 
 from multirod.solvers.following.descent import Point, Slope
-from multirod.stability import Modes
 from multirod.validation import FloatArray
 
 
 @dataclass(frozen=True)
 class Judge:
-    """A request to tell the stability and the potential energy at a point."""
+    """A request to tell the stability at a point."""
 
     point: Point
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Its answer, of one instance."""
+    """Its answer.
 
-    modes: Modes
-    potential: float
+    Attributes:
+        index: Unstable modes, -1 where they are not known.
+        stands: Whether it is known that there are none.
+        soft: Modes that cannot be told from neutral ones.
+    """
+
+    index: int
+    stands: bool
+    soft: int
+
+
+@dataclass(frozen=True)
+class Weigh:
+    """A request for the potential energy at a point [J]."""
+
+    point: Point
 
 
 @dataclass(frozen=True)
@@ -140,5 +153,5 @@ class Answer:
     contraction: float = np.inf
 
 
-Request = At | Clamp | Judge | Settle | Correct | Trace | Descend
+Request = At | Clamp | Judge | Weigh | Settle | Correct | Trace | Descend
 Run = Generator[Request, Any, Any]

@@ -85,7 +85,7 @@ class Walk:
         return slope_at(point)
 
     def _judge(self, point: Point) -> Run:
-        self._count(2)
+        self._count()
         judgement = yield Judge(point)
         return judgement
 
@@ -114,8 +114,7 @@ class Walk:
 
     def _stands(self, point: Point) -> Run:
         """Whether no mode is unstable."""
-        modes = (yield from self._judge(point)).modes
-        return bool(modes.known[0] and modes.index[0] <= 0 and not modes.diverging[0])
+        return (yield from self._judge(point)).stands
 
     def _slope_or_none(self, point: Point) -> Slope | None:
         try:
