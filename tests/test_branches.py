@@ -167,6 +167,17 @@ def test_an_end_that_is_unstable_by_the_equations_of_the_solver_is_no_result(mon
     assert found.events == ()
 
 
+def test_a_load_across_that_is_too_small_to_hold_a_round_column_says_where_it_is():
+    """What holds it on the circle of its bent states cannot be told from nothing: neutral, and not unstable."""
+    robot = column()
+    across = 1e-9 * np.array([np.cos(0.3), np.sin(0.3)])
+    found = mr.solve(robot, robot.inputs(tip_force=1.1 * CRITICAL * np.append(across, -1)))
+    assert (found.status, found.stability) == (mr.Status.CONVERGED, mr.Stability.FOLD)
+    x, y, _ = found.tip_position
+    assert np.arctan2(y, x) == pytest.approx(0.3, abs=0.01)
+    assert np.hypot(x, y) == pytest.approx(elastica(1.1) * LENGTH, rel=1e-5)
+
+
 def test_what_cannot_be_decided_is_no_result():
     robot = column(2.0)
     press = (0, 0, -1.5 * CRITICAL)

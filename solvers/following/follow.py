@@ -163,9 +163,9 @@ class _Together:
             return self._integrate_clamped(clamped)
         if damped := {k: own for k, own in asked.items() if isinstance(own, Settle)}:
             return self._settle(damped)
-        some = {k: own for k, own in asked.items() if isinstance(own, Judge)}
-        weighed = {k: own for k, own in asked.items() if isinstance(own, Weigh)}
-        return self._judge(some) if some else self._weigh(weighed)
+        if judged := {k: own for k, own in asked.items() if isinstance(own, Judge)}:
+            return self._judge(judged)
+        return self._weigh({k: own for k, own in asked.items() if isinstance(own, Weigh)})
 
     def _next(self, runs: dict[int, Run], asked: dict[int, Request], k: int, answer: object) -> None:
         asked.pop(k, None)

@@ -98,11 +98,11 @@ class Journey(Walk):
                 return
         if point.level < 1:
             return
-        if not (yield from self._rests(point, neutral)):
+        judgement = yield from self._judge(point)
+        if judgement.stands:  # a load across an axis of symmetry may be too small to tell what it holds
+            self.status, self.end, self.neutral = self.said, point, max(neutral, judgement.soft)
+        else:
             self.status = Status.UNSTABLE
-            return
-        self.status = self.said
-        self.end, self.neutral = point, neutral
 
     def _run_damped(self, point: Point) -> Run:
         """The same by damped dynamics, (11), wherever the branch ends."""
