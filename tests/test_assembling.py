@@ -43,6 +43,14 @@ def test_many_stiff_legs(number, judged):
     assert violation(drawn, solution) <= 1e-6  # as above
 
 
+def test_damped_dynamics_do_not_end_where_loads_drive_a_mode_away():
+    """Twelve legs under a moment: what was come to there is unstable, as its determinant says."""
+    drawn = draw(43, 0, 12, 5.0)
+    solution = mr.solve(drawn.robot, drawn.inputs, solver=mr.Shooting(max_integrations=2500))
+    assert solution.status in (mr.Status.UNSTABLE, mr.Status.INTEGRATION_LIMIT)
+    assert np.isnan(solution.tip_position).all()
+
+
 def test_what_the_first_search_solves_pays_nothing(monkeypatch):
     drawn = draw(AT_ONCE)
     assert not lost_at_first(drawn)

@@ -289,8 +289,8 @@ class _Together:
         with self._standing(asked) as stability:
             modes = stability.modes()
         index, soft = modes.index, modes.soft
-        stands = (index == 0) & ~modes.diverging
-        return {k: Judgement(int(index[k]), bool(stands[k]), int(soft[k])) for k in asked}
+        falls, stands = (index > 0) | modes.diverging, (index == 0) & ~modes.diverging
+        return {k: Judgement(bool(falls[k]), bool(stands[k]), int(soft[k])) for k in asked}
 
     def _weigh(self, asked: dict[int, Weigh]) -> dict[int, float]:
         with self._standing(asked) as stability:

@@ -164,7 +164,7 @@ class Journey(Walk):
             if found is None:
                 self.status = Status.BRANCH_END
                 self._lose(end)
-            elif self.potential and (yield from self._judge(found)).index > 0:
+            elif (yield from self._judge(found)).falls:
                 self.status = Status.UNSTABLE
             else:
                 self.end = found
@@ -186,7 +186,7 @@ class Journey(Walk):
             self.events.pop()
             self.status = self.said
             found, _ = yield from self._correct(unbent, 1.0, 0, any_contraction=True)
-        if found is None or (yield from self._judge(found)).index > 0:
+        if found is None or (yield from self._judge(found)).falls:
             self.status = Status.BRANCH_END
         else:
             self.end = found

@@ -22,12 +22,12 @@ class Judgement:
     """Its answer.
 
     Attributes:
-        index: Unstable modes, -1 where they are not known.
+        falls: Whether it is known that there are unstable modes; without a potential, an odd number that loads drive away.
         stands: Whether it is known that there are none.
         soft: Modes that cannot be told from neutral ones.
     """
 
-    index: int
+    falls: bool
     stands: bool
     soft: int
 
