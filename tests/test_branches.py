@@ -157,7 +157,7 @@ def test_an_end_that_is_unstable_by_the_equations_of_the_solver_is_no_result(mon
     def otherwise(self, asked):
         found = judge(self, asked)
         if self.tip is None:  # the solver's own equations, at the end
-            return {k: replace(judgement, index=3, stands=False) for k, judgement in found.items()}
+            return {k: replace(judgement, falls=True, stands=False) for k, judgement in found.items()}
         return found
 
     monkeypatch.setattr(_Together, "_judge", otherwise)

@@ -384,7 +384,7 @@ def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(b
             levels.append(level)
             index = 1 if level == 0.9 else before
             if isinstance(request, Judge):
-                answer = Judgement(index, stands=index == 0, soft=0)
+                answer = Judgement(index > 0, stands=index == 0, soft=0)
             else:
                 answer = Answer(SimpleNamespace(**vars(critical) | {"level": request.level}), 1, 1, spent=False, contraction=0.0)
     assert ends == [meant]
