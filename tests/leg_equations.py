@@ -4,7 +4,10 @@ import numpy as np
 from rod_equations import RodEquations
 from scipy.spatial.transform import Rotation
 
-PERTURBATION = 1e-5  # of central differences: of stiff legs one-sided ones mislead Newton's method
+PERTURBATION = 1e-4
+# of differences of fourth order: rounding and what is left of shorter or simpler ones mislead Newton's method on stiff legs
+MOVES = PERTURBATION * np.array([1.0, -1.0, 2.0, -2.0])
+PARTS = np.array([8.0, -8.0, -1.0, 1.0]) / (12 * PERTURBATION)
 NEARBY = 0.01  # lengths, and radians, that the platform may move
 
 
@@ -57,21 +60,20 @@ class LegEquations:
         wrenches, first = np.array(wrenches), None
         legs, unit = len(self.legs), np.array(self.units)
         for _ in range(8):
-            steps = PERTURBATION * unit[:, None] * np.concatenate([np.eye(6), -np.eye(6)])
+            steps = unit[:, None] * np.concatenate([move * np.eye(6) for move in MOVES])
             cases = np.concatenate([wrenches[:, None], wrenches[:, None] + steps], axis=1)
             tips = self.tips(cases)
             gap = self.gaps(tips[:, 0], p, R)
             first = gap if first is None else first
             J = np.zeros((len(gap), len(gap)))
-            for side, sign in enumerate((1, -1)):
-                part = sign / (2 * PERTURBATION)
+            for side, (move, part) in enumerate(zip(MOVES, PARTS, strict=True)):
                 for k in range(legs):
                     for j in range(6):
                         varied = tips[:, 0].copy()
                         varied[k] = tips[k, 1 + 6 * side + j]
                         J[:, 6 * k + j] += part * self.gaps(varied, p, R)
                 for j in range(3):
-                    e = sign * PERTURBATION * np.eye(3)[j]
+                    e = move * np.eye(3)[j]
                     J[:, 6 * legs + j] += part * self.gaps(tips[:, 0], p + e * self.length, R)
                     J[:, 6 * legs + 3 + j] += part * self.gaps(tips[:, 0], p, Rotation.from_rotvec(e).as_matrix() @ R)
             step = -np.linalg.solve(J, gap)
