@@ -31,6 +31,8 @@ _OTHER_NAMES = {
     **dict.fromkeys(("field", "b", "magnetic"), "magnetic_field"),
 }  # what names of inputs are called elsewhere
 LONGEST = 500  # characters of a value that an error shows
+SMALLEST_AXIS = 1e-100  # whose square still is a number
+ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 
 
 _POSE_HINTS: dict[tuple[int, ...], str] = {
@@ -247,6 +249,20 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
         )
     result.flags.writeable = False
     return result
+
+
+def directions(field: str, value: object, axes: FloatArray) -> FloatArray:
+    """``axes`` (..., 3), read from ``value``, as long as 1; those that are stay as they are: the same again from what was kept.
+
+    Raises:
+        ValueError: If one is zero, or its square is no number.
+    """
+    with np.errstate(over="ignore"):
+        size = np.linalg.norm(axes, axis=-1)
+    if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
+        length = "a length" if axes.ndim == 1 else "lengths"
+        refuse(field, value, f"must have {length} from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
+    return np.asarray(frozen(axes / np.where(np.abs(size - 1) <= ROUNDED, 1.0, size)[..., None]))
 
 
 def _shape_meant(field: str, shape: tuple[int, ...], tail: tuple[int, ...]) -> str:

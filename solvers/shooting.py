@@ -35,7 +35,8 @@ class Shooting(Solver):
         predictor: How a motion's next sample is guessed: from the last one (``"none"``), or by ``"linear"`` (default) or
             ``"quadratic"`` extrapolation in time.
         line_search: Whether steps that do not reduce the residual are halved.
-        max_continuation_steps: Load steps allowed.
+        max_continuation_steps: Load steps allowed; where legs or networks are put together first, four times as many for joints
+            and for loads.
         max_integrations: Integrations of a rod allowed in all that one solve does for an instance, or one sample of a motion:
             continuation, the search for a stable equilibrium and ``MultipleShooting`` (no more there than its own default). What
             has taken them without a result ends as ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of

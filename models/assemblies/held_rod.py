@@ -23,10 +23,8 @@ from multirod.models.joint_kernels import JOINTS
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, choice, frozen, refuse
+from multirod.validation import Described, FloatArray, array, choice, directions, frozen, refuse
 
-ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
-SHORTEST_AXIS = 1e-100  # whose square still is a number
 INPUTS = (*ROD_INPUTS[:2], *END_INPUTS, *TIP_SPECS, *ROD_INPUTS[2:])
 
 Joint = Literal["clamped", "revolute", "spherical"]
@@ -219,12 +217,7 @@ def _axis(field: str, value: Numbers) -> FloatArray:
     axis = array(field, value, (3,))
     if axis.shape != (3,):
         refuse(field, value, "must have shape (3,)")
-    with np.errstate(over="ignore"):
-        size = float(np.linalg.norm(axis))
-    if not SHORTEST_AXIS < size < 1 / SHORTEST_AXIS:
-        refuse(field, value, f"must have a length from {SHORTEST_AXIS:g} to {1 / SHORTEST_AXIS:g}")
-    # one of length 1 as it is: the same again from what was kept
-    return np.asarray(frozen(axis if abs(size - 1) <= ROUNDED else axis / size))
+    return directions(field, value, axis)
 
 
 def _end_at_rest(robot: SingleRod) -> FloatArray:

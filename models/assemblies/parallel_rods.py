@@ -39,14 +39,12 @@ from multirod.models.platform.problem import ParallelProblem
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, choice, frozen, nonnegative_float, refuse
+from multirod.validation import Described, FloatArray, array, choice, directions, nonnegative_float, refuse
 
 if TYPE_CHECKING:
     from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 
-ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 OWN_AXIS = (0.0, 0.0, 1.0)  # of a leg: what its tip turns about where nothing else is said
-SMALLEST_AXIS = 1e-100  # whose square still is a number
 PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same distributed along the rod
 CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
 
@@ -306,10 +304,4 @@ def _axes(value: object, joints: list[int]) -> FloatArray:
     axes = array("ParallelRods.joint_axes", OWN_AXIS if value is None else value, (3,))
     if axes.shape not in ((3,), (count, 3)):
         refuse("ParallelRods.joint_axes", value, f"must have shape (3,) or ({count}, 3)")
-    axes = np.broadcast_to(axes, (count, 3))
-    with np.errstate(over="ignore"):
-        size = np.linalg.norm(axes, axis=1)
-    if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
-        refuse("ParallelRods.joint_axes", value, f"must have lengths from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
-    unit = np.abs(size - 1) <= ROUNDED  # as they are: the same again from what was kept
-    return np.asarray(frozen(axes / np.where(unit, 1.0, size)[:, None]))
+    return directions("ParallelRods.joint_axes", value, np.broadcast_to(axes, (count, 3)))

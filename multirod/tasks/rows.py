@@ -12,14 +12,13 @@ from multirod.batch import Instances, IntArray, broadcast_shapes, take
 from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, hinted, positive_float, refuse
+from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, hinted, positive_float, refuse
 
 PARTS = ("position", "rotation", "axis", "across")  # of a pose
 Kind = tuple[int, int, int]  # whether there is a position (2: across a direction), a rotation, an axis
 POSITION_ROWS = (0, 3, 2)  # of each of these
 ONE_OR_THREE = ("one number", "one number, or three along the axes of the world")
 SYMMETRIC = 1e-9  # what a covariance may be off its transpose, of its largest entry
-SMALLEST_AXIS = 1e-100  # whose square still is a number
 SERIES_BELOW = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
 
 

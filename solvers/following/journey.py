@@ -12,7 +12,7 @@ from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
 from multirod.solvers.following.many import alike
-from multirod.solvers.following.requests import Clamp, Descend, Run, Settle, Weigh
+from multirod.solvers.following.requests import Clamp, Descend, Run, Settle
 from multirod.solvers.following.walk import Walk
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -284,9 +284,8 @@ class Journey(Walk):
         found, _ = yield from self._correct(rest.unknowns, critical.level, neutral)
         if found is None or not alike(found.gamma, rest.gamma, neutral):
             found, critical = rest, replace(critical, level=beyond.level, unknowns=beyond.unknowns)
-        self._count(2)
-        before = yield Weigh(replace(critical, unknowns=critical.unknowns[: len(self.start)]))
-        after = yield Weigh(found)
+        before = yield from self._weigh(replace(critical, unknowns=critical.unknowns[: len(self.start)]))
+        after = yield from self._weigh(found)
         return before - after, found.position - critical.position
 
     def _kind(self, critical: Point, beyond: Point, landed: Point, first: FloatArray) -> Run:

@@ -12,7 +12,7 @@ from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.following.descent import Point, Slope, Unfit, slope_at
 from multirod.solvers.following.many import alike
-from multirod.solvers.following.requests import At, Correct, Descend, Judge, Run, Trace
+from multirod.solvers.following.requests import At, Correct, Descend, Judge, Run, Trace, Weigh
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -41,7 +41,8 @@ class Walk:
         by_tip: Whether it tells what the rods are like: clamps are then tried where that fails.
         doubtful: Whether the branch may have begun unstable.
         noisy: Norm of ``Gamma``, beyond which it may be rounding that ends a branch.
-        potential: Whether its loads have one: without, it is damped dynamics that go on, and nothing is known of stability.
+        potential: Whether its loads have one: without, it is damped dynamics that go on, and of stability an odd number of
+            unstable modes is all that can be told.
         singular: Its least singular value, beyond which no mode vanishes where one ends.
         steps: Equal steps of its integrations from base to tip; 0 by step control.
     """
@@ -88,6 +89,11 @@ class Walk:
         self._count()
         judgement = yield Judge(point)
         return judgement
+
+    def _weigh(self, point: Point) -> Run:
+        self._count()
+        potential = yield Weigh(point)
+        return potential
 
     def _count(self, integrations: int = 1) -> None:
         if self.integrations + integrations > self.allowed:

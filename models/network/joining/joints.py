@@ -15,7 +15,7 @@ from multirod.assembly import pose as checked_pose
 from multirod.models.network.joining.bodies import Body, Ground, name_of
 from multirod.rotations import left_jacobian, matrices, vectors
 from multirod.types import Numbers
-from multirod.validation import FloatArray, array, choice, frozen, nonnegative_float, positive_float, refuse
+from multirod.validation import FloatArray, array, choice, directions, frozen, nonnegative_float, positive_float, refuse
 
 MOST = 3  # coordinates of a joint
 ALONG = "along"  # the end that is none: a hole
@@ -26,8 +26,6 @@ HOLES = {"prismatic": "clamped", "cylindrical": "revolute", "spherical": "spheri
 ONE, TWO = "one of shape (3,)", "two that are perpendicular, shape (2, 3)"
 AXES = {"revolute": ONE, "universal": TWO, "prismatic": ONE, "cylindrical": ONE}  # that must be given
 PERPENDICULAR = 1e-8  # that the axes of a universal joint may be off a right angle
-SMALLEST_AXIS = 1e-100  # whose square still is a number
-ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 FITTING = 8  # steps in which the coordinates of a joint are found that fit a rotation best
 
 
@@ -170,15 +168,10 @@ def _axes(kind: str, value: object) -> FloatArray:
     count = 2 if AXES[kind] == TWO else 1
     if given.shape != ((3,) if count == 1 else (count, 3)):
         refuse("Joint.axis", value, f"must have shape {'(3,)' if count == 1 else f'({count}, 3)'} for a {kind} joint")
-    axes = given.reshape(-1, 3)
-    with np.errstate(over="ignore"):
-        size = np.linalg.norm(axes, axis=1)
-    if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
-        refuse("Joint.axis", value, f"must have lengths from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
-    axes = axes / np.where(np.abs(size - 1) <= ROUNDED, 1.0, size)[:, None]
+    axes = directions("Joint.axis", value, given.reshape(-1, 3))
     if count == 2 and abs(float(axes[0] @ axes[1])) > PERPENDICULAR:
         refuse("Joint.axis", value, "must be two axes that are perpendicular")
-    return np.asarray(frozen(axes))
+    return axes
 
 
 def _each(field: str, value: object, kind: str) -> FloatArray:

@@ -28,11 +28,22 @@ from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import TURNED, plain, refuse_turn, turned
 from multirod.tasks.limits import ROUNDING_BEYOND, Limits, limit_rows, nearest, refuse_start
-from multirod.tasks.rows import PARTS, SMALLEST_AXIS, Kind, Pose
+from multirod.tasks.rows import PARTS, Kind, Pose
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse, unknown_names
+from multirod.validation import (
+    SMALLEST_AXIS,
+    Described,
+    FloatArray,
+    array,
+    device_name,
+    frozen,
+    instance,
+    positive_float,
+    refuse,
+    unknown_names,
+)
 
 LAG = 5.0  # samples, of the correction by default
 OWN = *PARTS, "measured_position", "measured_rotation"  # of a sample, beside inputs

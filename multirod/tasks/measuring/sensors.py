@@ -17,8 +17,8 @@ from multirod.tasks.formulation import Evaluation
 from multirod.tasks.given import TURNED, plain, refuse_turn, turned
 from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.curvature import Curvature, CurvatureRows, curvature_rows, filled
-from multirod.tasks.rows import PARTS, SMALLEST_AXIS, Pose, PoseRows, of_what_is_there
-from multirod.validation import Described, FloatArray, array, refuse
+from multirod.tasks.rows import PARTS, Pose, PoseRows, of_what_is_there
+from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, refuse
 
 Sensor = Pose | Curvature
 EYE = np.eye(3)
