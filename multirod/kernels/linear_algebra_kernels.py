@@ -52,6 +52,31 @@ def fill_row(matrix: wp.array3d[wp.float64], t: int, i: int, at: int, count: int
     """One value in the place of ``count`` numbers."""
 
 
+@wp.func_native(
+    """
+    const int n = matrix.shape[1];
+    double total = 0.0;
+    for (int i = 0; i < n; ++i) {
+        const double* __restrict own = &wp::index(matrix, t, i, 0);
+        double* __restrict row = &wp::index(square, t, i, 0);
+        for (int j = 0; j < n; ++j) row[j] = 0.0;
+        for (int k = 0; k < n; ++k) {
+            const double* __restrict other = &wp::index(matrix, t, k, 0);
+            const double m = own[k];
+            """
+    + ONE_BY_ONE
+    + """
+            for (int j = 0; j < n; ++j) row[j] += m * other[j];
+        }
+        for (int j = 0; j < n; ++j) total += row[j] * row[j];
+    }
+    return total;
+    """
+)
+def squared(matrix: wp.array3d[wp.float64], square: wp.array3d[wp.float64], t: int) -> wp.float64:
+    """The matrix times itself, in ``square``; the sum of the squares of its numbers."""
+
+
 @wp.func(inline=False)
 def eliminate(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int) -> f64:
     """Right-hand sides (instance, n, sides) become solutions, by LU with partial pivoting in the place of the matrix

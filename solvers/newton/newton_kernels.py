@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.kernels.failure_kernels import failure_of
-from multirod.kernels.linear_algebra_kernels import add_row, copy_row, eliminate, fill_row
+from multirod.kernels.linear_algebra_kernels import copy_row, eliminate, squared
 from multirod.kernels.own_module import own_module
 from multirod.kernels.repeated_kernels import Calls, launch_all
 from multirod.solvers.newton.bordered_kernels import Arrow, make_bordered
@@ -124,13 +124,7 @@ def make_dense() -> SimpleNamespace:
         while bound > enough and power < most:
             for i in range(n):
                 copy_row(state.factor, state.quotient, t, i, 0, i, 0, n)
-            total = f64(0.0)
-            for i in range(n):
-                fill_row(state.quotient, t, i, 0, n, f64(0.0))
-                for k in range(n):
-                    add_row(state.quotient, state.factor, t, i, 0, k, 0, n, state.factor[t, i, k])
-                for j in range(n):
-                    total += state.quotient[t, i, j] * state.quotient[t, i, j]
+            total = squared(state.factor, state.quotient, t)
             power *= f64(2.0)
             bound = wp.min(bound, wp.pow(total, f64(0.5) / power))
         return wp.where(wp.isfinite(bound), bound, f64(wp.static(UNLIKE)))

@@ -22,34 +22,35 @@ def bound_modes(
         kappa: ``|u*_xy|`` [1/m], shape (batch, n, section).
         force: Bound of the internal force [N], shape (batch,).
     """
+    # sums over the few rods and sections are written out: those along short last axes would take most of the time
     count, n = start.shape
-    end = end + start[..., None]
-    begin = np.concatenate([start[..., None], end[..., :-1]], axis=2)
-    tips = np.sort(end[:, :, -1], axis=1)
-
-    def twisted(s: FloatArray) -> FloatArray:
-        """How far a unit torque at ``s``, (batch, k), twists each rod there, (batch, k, n)."""
-        return np.asarray(
-            (np.clip(s[..., None, None] - begin[:, None], 0.0, (end - begin)[:, None]) * compliance[:, None]).sum(axis=3)
-        )
+    end, compliance, EI, kappa = (np.moveaxis(values, 2, 0) for values in (end, compliance, EI, kappa))
+    end = end + start
+    begin = np.concatenate([start[None], end[:-1]])
+    tips = np.sort(end[-1], axis=1)
 
     # where nothing but the compliances changes, and these linearly; the constraint is where the last pair of rods ends
-    cuts = np.sort(np.concatenate([np.zeros((count, 1)), np.maximum(end, 0.0).reshape(count, -1)], axis=1), axis=1)
-    constrained = twisted(tips[:, -2:-1])[:, 0]
+    cuts = np.sort(np.concatenate([np.zeros((count, 1)), *np.maximum(end, 0.0)], axis=1), axis=1)
     size = np.diff(cuts, axis=1)
     middle = cuts[:, :-1] + 0.5 * size
-    inside = middle[..., None, None]
-    here = (begin[:, None] <= inside) & (inside < end[:, None]) & (size > 0)[..., None, None]
-    together = (EI[:, None] * here).sum(axis=(2, 3))
+    # how far a unit torque twists each rod there, (batch, place, n)
+    places = np.concatenate([cuts, middle, tips[:, -2:-1]], axis=1)[..., None]
+    twists = sum(
+        np.minimum(np.maximum(places - a[:, None], 0.0), (b - a)[:, None]) * soft[:, None]
+        for a, b, soft in zip(begin, end, compliance, strict=True)
+    )
+    at_cuts, twist, constrained = twists[:, : cuts.shape[1]], twists[:, cuts.shape[1] : -1], twists[:, -1]
+    inside, some = middle[..., None], (size > 0)[..., None]
+    here = [(a[:, None] <= inside) & (inside < b[:, None]) & some for a, b in zip(begin, end, strict=True)]
+    together = _over_rods(sum(own[:, None] * present for own, present in zip(EI, here, strict=True)))
     together[together == 0] = np.inf  # between ends that rounding parts
-    bend = ((EI * kappa)[:, None] * here).sum(axis=3)
-    form = -bend[..., :, None] * bend[..., None, :] / together[..., None, None]
-    form[..., range(n), range(n)] = 0.0
-    form[..., range(n), range(n)] = -form.sum(axis=3)
-    twist = twisted(middle)
-    root = np.sqrt(twist)
-    pulled = form * root[..., :, None] * root[..., None, :]
-    pull = (size[..., None, None] * pulled).sum(axis=1)
+    bend = sum(own[:, None] * present for own, present in zip(EI * kappa, here, strict=True))
+    # (13) P, of which this is the diagonal
+    pull = _over_rods(bend)
+    own = bend * (pull[..., None] - bend) / together[..., None]
+    rooted = bend * np.sqrt(twist)
+    pulled = -rooted[..., :, None] * rooted[..., None, :] / together[..., None, None]
+    pulled[..., range(n), range(n)] = own * twist
     load = np.zeros(count)
     if force.any():
         # what the loads add: the force turns the frame, the moment bends what pulls
@@ -59,13 +60,23 @@ def bound_modes(
         load = (size * (force[:, None] * bent + moment / together * (twist * bend).max(axis=2))).sum(axis=1)
         load += np.sqrt((moment**2 * bent * each).sum(axis=1))
     # (15) the direction that is pulled most
-    direction = np.linalg.eigh(pull)[1][:, :, -1] / np.sqrt(np.where(constrained > 0, constrained, np.inf))
+    whole = (size[..., None, None] * pulled).sum(axis=1)
+    direction = np.linalg.eigh(whole)[1][:, :, -1] / np.sqrt(np.where(constrained > 0, constrained, np.inf))
     first = (size * np.linalg.eigvalsh(pulled)[..., -1]).sum(axis=1)
-    trace = (size * (form[..., range(n), range(n)] * twist).sum(axis=2)).sum(axis=1)
-    at = np.stack([twisted(cuts[:, :-1]), twist, twisted(cuts[:, 1:])])
-    reach = np.minimum(at, constrained[:, None]) * direction[:, None]
-    # sums of products, not einsum, which adds in an order that depends on the batch: bitwise the same alone
-    products = (reach[..., :, None] * form * reach[..., None, :]).sum(axis=(3, 4))
-    taken = (size * (products[0] / 6 + products[1] * (4 / 6) + products[2] / 6)).sum(axis=1)
-    scale = np.maximum((direction**2 * constrained).sum(axis=1), 1e-300)
-    return np.stack([first + load, trace - taken / scale + load], axis=1)
+    trace = (size * _over_rods(own * twist)).sum(axis=1)
+
+    def taken(twist: FloatArray) -> FloatArray:
+        """r . P r"""
+        reach = np.minimum(twist, constrained[:, None]) * direction[:, None]
+        along = _over_rods(bend * reach)
+        return np.asarray((pull * _over_rods(bend * reach * reach) - along * along) / together)
+
+    before, after = taken(at_cuts[:, :-1]), taken(at_cuts[:, 1:])
+    removed = (size * (before / 6 + taken(twist) * (4 / 6) + after / 6)).sum(axis=1)
+    scale = np.maximum(_over_rods(direction**2 * constrained), 1e-300)
+    return np.stack([first + load, trace - removed / scale + load], axis=1)
+
+
+def _over_rods(values: FloatArray) -> FloatArray:
+    """The sum along the last axis."""
+    return np.asarray(sum(values[..., i] for i in range(values.shape[-1])))

@@ -103,11 +103,9 @@ def make_tip_pose(layout: Layout, base: SimpleNamespace) -> SimpleNamespace:
         return case.base_position + case.base_rotation * wp.vec3d(y[P_AT], y[P_AT + 1], y[P_AT + 2])
 
     @wp.func
-    def turn_column(case: wp.ref[Instance], y: State, v: Column) -> wp.vec3d:
-        """Rotation vector of the rod that ends at the tip, in the world."""
-        q = frame(y)
-        turn = body_rotation(q, frame_column(v)) + wp.vec3d(f64(0.0), f64(0.0), tip_angle_column(case, v))
-        return case.base_rotation * rotate(q, turn)
+    def turn_column(case: wp.ref[Instance], q: wp.vec4d, dq: wp.vec4d, angle: f64) -> wp.vec3d:
+        """Rotation vector in the world by which the rod that ends at the tip turns, whose ``angle`` varies by that."""
+        return case.base_rotation * rotate(q, body_rotation(q, dq) + wp.vec3d(f64(0.0), f64(0.0), angle))
 
     @wp.func(inline=False)
     def write_pose(call: wp.ref[Call], case: wp.ref[Instance], y: State):
@@ -127,7 +125,7 @@ def make_tip_pose(layout: Layout, base: SimpleNamespace) -> SimpleNamespace:
         t = case.index
         if wp.static(POSE_COLUMNS):
             dp = case.base_rotation * wp.vec3d(v[DP_AT], v[DP_AT + 1], v[DP_AT + 2])
-            turn = turn_column(case, y, v)
+            turn = turn_column(case, frame(y), frame_column(v), tip_angle_column(case, v))
             for j in range(3):
                 call.problem.pose_columns[t, j, k] = dp[j]
                 call.problem.pose_columns[t, 3 + j, k] = turn[j]

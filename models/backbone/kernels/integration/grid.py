@@ -24,6 +24,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
     START,
     START_MOVER,
     STOP,
+    STRETCH_END,
     Call,
     RodTable,
 )
@@ -79,9 +80,20 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             s = f64(wp.inf)
         return s
 
+    @wp.func
+    def find_stop(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int):
+        """Where a lane stops next on its stretch; a node that directions move ends it."""
+        s = call.lane[p, STRETCH_END]
+        if wp.static(NODES):
+            s = wp.min(s, output_arclength(rods, call, case, int(call.lane[p, OUTPUT]) + 1))
+            if call.direction_columns > 0:
+                call.lane[p, STRETCH_END] = s
+        call.lane[p, END] = s
+
     @wp.func(inline=False)
     def find_end(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int):
-        """The next node of a lane: the nearest end of a section or piece of profile, output node, or tip."""
+        """Where the stretch of a lane ends: at the nearest end of a section or piece of profile, or at the tip; and where the lane
+        stops next."""
         start = call.lane[p, START]
         s = case.length
         mover = case.longest
@@ -97,13 +109,12 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             if piece < rods.profile_end.shape[0] - 1 and rods.profile_end[piece] < s:
                 s = rods.profile_end[piece]
                 mover = -1
-        if wp.static(NODES):
-            s = wp.min(s, output_arclength(rods, call, case, int(call.lane[p, OUTPUT]) + 1))
         if call.lane[p, STOP] < s:  # a breakpoint keeps its arclength
             s = call.lane[p, STOP]
             mover = -1
-        call.lane[p, END] = s
+        call.lane[p, STRETCH_END] = s
         call.lane[p, END_MOVER] = f64(mover)
+        find_stop(rods, call, case, p)
 
     # ---- stretches ----
 
@@ -266,6 +277,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         if known:
             copy_lane(memory, z, wp.static(layout.stretch.size), l, l - 1)
             call.lane[p, END] = call.lane[p - 1, END]
+            call.lane[p, STRETCH_END] = call.lane[p - 1, STRETCH_END]
             call.lane[p, END_MOVER] = call.lane[p - 1, END_MOVER]
         else:
             find_end(rods, call, case, p)
@@ -343,6 +355,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         load_rate_until=loads.load_rate_until,
         output_arclength=output_arclength,
         load_stretch=load_stretch,
+        find_stop=find_stop,
         pass_force=pass_force,
         set_number=set_number,
         set_vector=set_vector,

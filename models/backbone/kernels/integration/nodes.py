@@ -30,8 +30,8 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
     OWN_CURVATURE, TOTAL_MOMENT, OWN_MOMENT, OWN_FORCE = p["own_curvature"], p["total_moment"], p["own_moment"], p["own_force"]
     GRIPS, GRIPS_AT = layout.DRIVES * layout.FRICTION, layout.state["grips"]
     frame, world_position = tip.frame, tip.world_position
-    turn_column, tip_angle_column = tip.turn_column, tip.tip_angle_column
-    body_moment_column = tip.body_moment_column
+    turn_column, body_moment_column = tip.turn_column, tip.body_moment_column
+    SINGLE, UNIT, DQ_AT = d is wp.float32, layout.column.size + layout.given["unit"], layout.column["frame"]
 
     @wp.func
     def vector_of(memory: memory_type, row: int, l: int) -> wp.vec3d:
@@ -88,24 +88,35 @@ def make_nodes(layout: Layout, memory: Memory, base: SimpleNamespace, tip: Simpl
         call.node_force[t, output] = to_rod * N
 
     @wp.func
-    def write_node_column(call: wp.ref[Call], case: wp.ref[Instance], passed: int, y: State, v: Column, s: f64, k: int):
-        """How the configuration at s varies with an unknown: rotation vector of the longest rod in the world, or of the line that
-        rods side by side follow, then the angle of each other rod from it.
+    def write_node_column(
+        call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, at: int, l: int, passed: int, q: wp.vec4d, s: f64, k: int
+    ):
+        """How the configuration at s, of frame q, varies with an unknown, whose column stands ``at``: rotation vector of the
+        longest rod in the world, or of the line that rods side by side follow, then the angle of each other rod from it.
         """
         t = case.index
-        if passed >= call.column_arclength.shape[1]:
-            return
+        unit = f64(1.0)
+        if wp.static(SINGLE):
+            unit = f64(get_lane(memory, at + wp.static(UNIT), l))
+        dq = wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(0.0))
+        if wp.static(layout.COLUMN_FRAME):
+            for j in range(4):
+                dq[wp.static(j)] = unit * f64(get_lane(memory, at + wp.static(DQ_AT + j), l))
+        longest = f64(0.0)  # how much the angle of the rod that ends at the tip varies
+        count = int(wp.static(n))
+        if wp.static(not ECCENTRIC):
+            if case.longest >= wp.static(FIRST):
+                longest = unit * f64(get_lane(memory, at + wp.static(THETA_AT - FIRST) + case.longest, l))
         call.column_arclength[t, passed] = s
-        turn = turn_column(case, y, v)
+        turn = turn_column(case, q, dq, longest)
         for j in range(3):
             call.node_columns[t, passed, j, k] = turn[j]
         row = int(3)
-        count = int(wp.static(n))
         for i in range(count):
             if wp.static(ECCENTRIC) or i != case.longest:
-                angle = -tip_angle_column(case, v)
+                angle = -longest
                 if i >= wp.static(FIRST):
-                    angle += v[wp.static(THETA_AT) + i - wp.static(FIRST)]
+                    angle += unit * f64(get_lane(memory, at + wp.static(THETA_AT - FIRST) + i, l))
                 call.node_columns[t, passed, row, k] = angle
                 row += int(1)
 

@@ -30,6 +30,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
     START,
     START_MOVER,
     STOP,
+    STRETCH_END,
     Call,
     RodTable,
 )
@@ -64,10 +65,10 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     rates = make_rates(layout, W, d)
     step = make_steps(layout, memory, tableau, rates, W, d)
     force_variation = make_loads(layout, W, d).force_variation
-    load_stretch, pass_force, set_number = grid.load_stretch, grid.pass_force, grid.set_number
+    load_stretch, find_stop, pass_force, set_number = grid.load_stretch, grid.find_stop, grid.pass_force, grid.set_number
     output_arclength, rod_end, n = grid.output_arclength, grid.rod_end, layout.n
     write_node, write_node_column = nodes.write_node, nodes.write_node_column
-    state_in, column_in = record.state_in, record.column_in
+    state_in, frame = record.state_in, tip.frame
     equal_step, place_here = step.equal_step, step.place_here
     controlled_step = step.controlled_step or equal_step
     ADAPTIVE = step.controlled_step is not None
@@ -105,6 +106,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     ):
         """A lane at ``start``, on its way to ``stop``; its state is there."""
         call.lane[p, START] = start
+        call.lane[p, END] = start
         call.lane[p, START_MOVER] = f64(-1.0)
         call.lane[p, STOP] = stop
         call.lane[p, OUTPUT] = f64(0.0)
@@ -131,11 +133,16 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         multiple: f64,
         over: f64,
     ):
-        """A lane at the start of its next stretch: of ``steps`` equal ones over a length, or as errors choose where that is 0."""
-        load_stretch(rods, call, case, memory, o, l, p, job, first_column(call, job), column_count(call, job))
-        length = call.lane[p, END] - call.lane[p, START]
-        set_number(memory, o + wp.static(X), l, f64(0.0))
-        set_number(memory, o + wp.static(LENGTH), l, length / case.unit)
+        """A lane on its way to its next stop: by equal steps, ``steps`` of them over a length, or as errors choose where that is
+        0."""
+        begun = call.lane[p, END]
+        if call.lane[p, START] < begun:
+            find_stop(rods, call, case, p)
+        else:
+            load_stretch(rods, call, case, memory, o, l, p, job, first_column(call, job), column_count(call, job))
+            set_number(memory, o + wp.static(X), l, f64(0.0))
+        length = call.lane[p, END] - begun
+        set_number(memory, o + wp.static(LENGTH), l, (call.lane[p, END] - call.lane[p, START]) / case.unit)
         set_number(memory, o + wp.static(ACTIVE), l, f64(1.0))
         left = f64(1.0)
         controlled = f64(1.0)
@@ -152,13 +159,13 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     def at_end(
         rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, o: int, l: int, p: int, job: int
     ):
-        """A lane at the end of its stretch: outputs there, and the force from there on."""
+        """A lane where it has stopped: outputs there, and, at the end of its stretch, the force from there on."""
         end = call.lane[p, END]
+        y = state_in(case, memory, o, l)
         if wp.static(NODES):
             output = int(call.lane[p, OUTPUT]) + 1
             # an iterate may have a length that is none, and so be past all nodes
             if output < call.node_count and end >= output_arclength(rods, call, case, output):
-                y = state_in(case, memory, o, l)
                 write_node(rods, call, case, memory, o, l, y, output, end)
                 call.lane[p, OUTPUT] = f64(output)
         if wp.static(NODE_COLUMNS):
@@ -166,13 +173,16 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
             counted = end > f64(wp.static(BESIDE_BASE)) * case.length
             for i in range(wp.static(n)):
                 counted = counted or end == rod_end(rods, call, case, i)
-            if call.node_count > 0 and counted:
-                passed = int(call.lane[p, PASSED])
-                y = state_in(case, memory, o, l)
+            passed = int(call.lane[p, PASSED])
+            if call.node_count > 0 and counted and passed < call.column_arclength.shape[1]:
+                q = frame(y)
                 for c in range(column_count(call, job)):
-                    v = column_in(case, memory, o, l, c)
-                    write_node_column(call, case, passed, y, v, end, first_column(call, job) + c)
+                    at = o + wp.static(COLUMNS) + c * wp.static(COLUMN_SIZE)
+                    write_node_column(call, case, memory, at, l, passed, q, end, first_column(call, job) + c)
                 call.lane[p, PASSED] = f64(passed + 1)
+        if wp.static(NODES):
+            if end < call.lane[p, STRETCH_END]:
+                return
         if wp.static(FORCE_ACTS):
             pass_force(rods, call, case, p)
         if wp.static(GIVEN_FORCE and DIRECTIONS):
@@ -379,7 +389,12 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
                     if call.lane[p + l, JOB] >= f64(0.0):
                         busy = int(1)
                 if wp.static(NODES):
-                    place_here(memory, o)
+                    fresh = int(0)
+                    for l in range(wp.static(W)):
+                        if at_base(call, memory, o, l, p + l):
+                            fresh = int(1)
+                    if fresh == 1:
+                        place_here(memory, o)
                     for l in range(wp.static(W)):
                         if at_base(call, memory, o, l, p + l):
                             job = int(call.lane[p + l, JOB])

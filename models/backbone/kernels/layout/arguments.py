@@ -76,7 +76,7 @@ class Call:
 # where a lane stands, in double precision whatever its numbers are: of ``Call.lane``
 JOB = 0  # -1: none
 START = 1  # arclength of the node where its stretch begins
-END = 2
+END = 2  # where it stops next: where its stretch ends, or at an output node on the way there
 START_MOVER = 3  # the rod with which this node moves along the backbone, -1 if it stays
 END_MOVER = 4
 OUTPUT = 5  # output nodes passed
@@ -84,4 +84,5 @@ PASSED = 6  # nodes passed
 FORCE = 7  # n where the stretch begins, base frame
 FAULT = 10
 STOP = 11  # arclength where the lane is done
-LANE_SIZE = 12
+STRETCH_END = 12
+LANE_SIZE = 13
