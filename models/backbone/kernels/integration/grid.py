@@ -92,7 +92,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def find_end(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int):
-        """Where the stretch of a lane ends, at the nearest end of a section or piece of profile, or at the tip, and its next stop."""
+        """The end of a stretch, the nearest end of a section or piece of profile, or the tip; and where the lane stops next."""
         start = call.lane[p, START]
         s = case.length
         mover = case.longest

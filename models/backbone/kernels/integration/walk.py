@@ -68,8 +68,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     load_stretch, find_stop, pass_force, set_number = grid.load_stretch, grid.find_stop, grid.pass_force, grid.set_number
     output_arclength, rod_end, n = grid.output_arclength, grid.rod_end, layout.n
     write_node, write_node_column = nodes.write_node, nodes.write_node_column
-    state_in, frame = record.state_in, tip.frame
-    equal_step, place_here = step.equal_step, step.place_here
+    state_in, frame, equal_step, place_here = record.state_in, tip.frame, step.equal_step, step.place_here
     controlled_step = step.controlled_step or equal_step
     ADAPTIVE = step.controlled_step is not None
     GIVEN_FORCE, DIRECTIONS, FORCE_ACTS = layout.GIVEN_FORCE, layout.DIRECTIONS, layout.FORCE
@@ -133,8 +132,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         multiple: f64,
         over: f64,
     ):
-        """A lane on its way to its next stop: by equal steps, ``steps`` of them over a length, or as errors choose where that is
-        0."""
+        """A lane on its way to its next stop: by ``steps`` equal ones over a length, or as errors choose where that is 0."""
         begun = call.lane[p, END]
         if call.lane[p, START] < begun:
             find_stop(rods, call, case, p)
@@ -180,9 +178,8 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
                     at = o + wp.static(COLUMNS) + c * wp.static(COLUMN_SIZE)
                     write_node_column(call, case, memory, at, l, passed, q, end, first_column(call, job) + c)
                 call.lane[p, PASSED] = f64(passed + 1)
-        if wp.static(NODES):
-            if end < call.lane[p, STRETCH_END]:
-                return
+        if end < call.lane[p, STRETCH_END]:
+            return
         if wp.static(FORCE_ACTS):
             pass_force(rods, call, case, p)
         if wp.static(GIVEN_FORCE and DIRECTIONS):
@@ -383,23 +380,20 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
                 if wp.static(NODES or MEASURED):
                     place_here(memory, o)
                 busy = int(0)
+                taken = coming + int(0)
                 for l in range(wp.static(W)):
                     if is_at_end(memory, o, l):
                         coming = attend(rods, call, jobs, memory, o, l, p + l, coming, stop)
                     if call.lane[p + l, JOB] >= f64(0.0):
                         busy = int(1)
                 if wp.static(NODES):
-                    fresh = int(0)
-                    for l in range(wp.static(W)):
-                        if at_base(call, memory, o, l, p + l):
-                            fresh = int(1)
-                    if fresh == 1:
+                    if coming > taken:
                         place_here(memory, o)
-                    for l in range(wp.static(W)):
-                        if at_base(call, memory, o, l, p + l):
-                            job = int(call.lane[p + l, JOB])
-                            case = load_instance(rods, call, instance_of(call, jobs, job // call.parts))
-                            write_node(rods, call, case, memory, o, l, state_in(case, memory, o, l), 0, f64(0.0))
+                        for l in range(wp.static(W)):
+                            if at_base(call, memory, o, l, p + l):
+                                job = int(call.lane[p + l, JOB])
+                                case = load_instance(rods, call, instance_of(call, jobs, job // call.parts))
+                                write_node(rods, call, case, memory, o, l, state_in(case, memory, o, l), 0, f64(0.0))
             if busy == 1:
                 advance(call, memory, o, p)
 
