@@ -461,6 +461,26 @@ def test_a_round_column_buckles_about_y_to_the_side_that_is_asked_for(round_colu
         assert [events[0].load_factor for events in own.events] == pytest.approx(1 / loads, rel=1e-5)
 
 
+def test_a_round_column_goes_where_next_to_nothing_takes_it(round_column):
+    """Loads across that hold it by less than can be told from nothing say where; how far, the thrust: four quarters of an
+    elastica."""
+    load = 1.05
+    across = 1e-9 * CLAMPED / 0.2 * np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0)])
+    found = mr.solve(round_column, round_column.inputs(tip_force=(0, 0, -load * CLAMPED), distributed_force=across))
+    assert set(found.raise_if_failed().stability.tolist()) <= {mr.Stability.STABLE, mr.Stability.FOLD}
+    assert (found.integrations < 500).all()
+    k = brentq(lambda k: 2 * ellipk(k * k) / np.pi - np.sqrt(load), 1e-6, 0.99)
+    middle = found.rod(0, nodes=3).position[:, 1, :2]
+    np.testing.assert_allclose(middle, 0.2 * k / ellipk(k * k) * np.sign(across[:, :2]), rtol=0, atol=1e-6)
+
+
+def test_a_load_across_a_round_column_leads_far_beyond_where_it_snaps(round_column):
+    """Its end is soft there, where equations that are hardly finer move it by much."""
+    across = (1e-3 * 3 * CLAMPED / 0.2, 0, 0)
+    found = mr.solve(round_column, round_column.inputs(tip_force=(0, 0, -3 * CLAMPED), distributed_force=across))
+    assert (found.status, found.stability) == (mr.Status.SNAPPED, mr.Stability.STABLE)
+
+
 def test_a_round_column_leaves_its_plane_where_it_twists_more_easily(round_column):
     """It then turns over; at once, in motions and by trackers alike. No clamp is held against the turn that costs nothing."""
     time = np.linspace(0, 1, 21)

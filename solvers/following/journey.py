@@ -205,9 +205,10 @@ class Journey(Walk):
         return slope is not None and slope.values[0] < -SOFT
 
     def _rests(self, point: Point, neutral: int) -> Run:
-        """Whether a point is stable but for modes that symmetry leaves neutral."""
+        """Whether a point is stable but for modes that symmetry leaves neutral; what loads across hold too little to be told from
+        these is one of a held rod too, whose ``Gamma`` says what they hold."""
         judgement = yield from self._judge(point)
-        return judgement.stands and (self.slight or judgement.soft == neutral)
+        return judgement.stands and (self.slight or not self.has_tip or judgement.soft == neutral)
 
     # ---- leaving a branch ----
 

@@ -19,6 +19,7 @@ from multirod.validation import FloatArray
 BoolArray = NDArray[np.bool_]
 
 NEWTON_STEPS = 8
+SLOW_STEPS = 16  # of what may contract slowly
 POLISHED = 1e-3  # of the tolerance: what needs no step
 GROWTH = 0.5  # of the way, that the next step may be
 FASTER = 3.0
@@ -99,9 +100,10 @@ def _correct(
     unknowns, on = np.array(unknowns), np.ones(count, dtype=bool)
     contraction, size = np.zeros(count), np.full(count, np.inf)
     slow = (neutral != 0) | any_contraction
-    for k in range(NEWTON_STEPS):
-        result.spent |= on & (result.integrations >= left)
-        on &= ~result.spent
+    most = np.where(np.broadcast_to(any_contraction, count), SLOW_STEPS, NEWTON_STEPS)
+    for k in range(int(most.max(initial=0))):
+        result.spent |= on & (result.integrations >= left) & (k < most)
+        on &= ~result.spent & (k < most)
         now = np.flatnonzero(on)
         if not len(now):
             break

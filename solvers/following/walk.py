@@ -18,7 +18,7 @@ from multirod.validation import FloatArray
 
 OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step beyond a critical point
 NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
-POLISHED = 1e-3  # of the unknowns at the end of the way, by which other equations may move it slowly
+POLISHED = 1e-2  # of the unknowns at the end of the way, by which other equations may move it slowly
 # turns along a neutral mode, where it is still neutral if symmetry makes it so: the less, the less it is bent [rad]
 ASIDE = (0.05, 0.005)
 
