@@ -13,6 +13,7 @@ from multirod.batch import IntArray, broadcast_shapes
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
+from multirod.read_only import ReadOnly
 from multirod.rod import Rod
 from multirod.validation import Described, FloatArray, array, refuse, unknown_names
 
@@ -33,7 +34,7 @@ ORTHOGONAL = 1e-8  # what R R^T of a rotation may be off the identity
 DIGITS_CUT = 0.02  # by which R R^T is off the identity at most where digits of a rotation were cut
 
 
-class Assembly(ABC):
+class Assembly(ReadOnly, ABC):
     """Rods, how they are coupled, and what actuates them. Knows nothing of solvers.
 
     Attributes:
@@ -41,6 +42,7 @@ class Assembly(ABC):
         mass_carried: Of rigid bodies that these carry [kg].
     """
 
+    instead = "make another robot, as it is to be"
     rods: tuple[Rod, ...]
     mass_carried: float = 0.0
     if TYPE_CHECKING:
@@ -266,7 +268,7 @@ class Assembly(ABC):
                 f"the inputs' leading axes {inputs.batch_shape} do not broadcast with the rods' {self.batch_shape}"
             ) from None
 
-    def check(self, inputs: Inputs) -> None:  # noqa: B027  (most assemblies have nothing to add)
+    def check(self, inputs: Inputs) -> None:
         """Refuse inputs that this assembly cannot take, by a ``ValueError``."""
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:

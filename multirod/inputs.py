@@ -12,6 +12,7 @@ import numpy as np
 
 from multirod.batch import IntArray, along, broadcast_shapes, take
 from multirod.profile import Profile, fit
+from multirod.read_only import ReadOnly
 from multirod.types import Index
 from multirod.validation import FloatArray, array, refuse, unknown_names
 
@@ -97,17 +98,15 @@ def _shape_of(spec: InputSpec) -> str:
     return "(..., rods)" if spec.per_rod else f"(..., {3 if spec.count is None else spec.count})"
 
 
-class Inputs:
+class Inputs(ReadOnly):
     """Values of an assembly's inputs; made by ``Assembly.inputs(...)``, never changed afterwards.
 
     Each input is an attribute: ``inputs.tip_force`` has shape ``(*inputs.batch_shape, 3)``; what was not given is zero. They are
     copies of what was given, and read-only.
-
-    Attributes:
-        batch_shape: Leading axes of all inputs together.
-        given: Names of the inputs that were given.
     """
 
+    written = frozenset()
+    instead = "make others by robot.inputs(...), as they are to be"
     _kept: frozenset[str] = frozenset()  # active in the batch that these were taken from
     _nonzero: frozenset[str] | None = None  # of the arrays, once that was asked for
     _checked: "ref[Any] | None" = None  # the robot that takes them, as far as is known
@@ -131,9 +130,9 @@ class Inputs:
                 self._arrays[name] = one_each(name, value, spec.size(rod_count), " rods" if spec.per_rod else "")
             else:
                 self._arrays[name] = array(name, value, (3,))
-        self.given = tuple(name for name in self._specs if name in self._arrays or name in self._profiles)
+        self._given = tuple(name for name in self._specs if name in self._arrays or name in self._profiles)
         try:
-            self.batch_shape: tuple[int, ...] = broadcast_shapes(*(a.shape[:-1] for a in self._arrays.values()))
+            self._batch_shape: tuple[int, ...] = broadcast_shapes(*(a.shape[:-1] for a in self._arrays.values()))
         except ValueError:
             shapes = ", ".join(f"{name} {a.shape[:-1]}" for name, a in self._arrays.items())
             raise ValueError(f"the leading axes of the inputs do not broadcast: {shapes}") from None
@@ -148,6 +147,16 @@ class Inputs:
     def was_checked_by(self, robot: "Assembly") -> bool:
         """Whether this very robot is known to take them."""
         return self._checked is not None and self._checked() is robot
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Leading axes of all inputs together."""
+        return self._batch_shape
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of the inputs that were given."""
+        return self._given
 
     def refuse_others(self, field: str, kind: str, specs: Sequence[InputSpec], rod_count: int) -> None:
         """Refuse inputs that were made by a robot with another number of rods, or of lines, than this ``kind`` of robot has."""
@@ -240,29 +249,30 @@ class Inputs:
         """Names of the inputs that are not zero everywhere."""
         return tuple(name for name in self.given if self.is_active(name))
 
-    def with_arrays(self, arrays: Mapping[str, FloatArray]) -> "Inputs":
-        """Inputs of the same assembly with other values, already checked; functions of arclength are kept."""
+    def with_arrays(self, arrays: Mapping[str, FloatArray], batch_shape: tuple[int, ...] | None = None) -> "Inputs":
+        """Inputs of the same assembly with other values, already checked; functions of arclength are kept.
+
+        Leading axes are those of the values, where no others are given that these broadcast to.
+        """
         result = object.__new__(Inputs)
         result._specs, result._rod_count, result._profiles = self._specs, self._rod_count, self._profiles
         result._arrays = dict(arrays)
-        result.given = tuple(name for name in self._specs if name in arrays or name in self._profiles)
-        result.batch_shape = broadcast_shapes(*(a.shape[:-1] for a in arrays.values()))
+        result._given = tuple(name for name in self._specs if name in arrays or name in self._profiles)
+        own = broadcast_shapes(*(a.shape[:-1] for a in arrays.values())) if batch_shape is None else batch_shape
+        result._batch_shape = own
         return result
 
     def broadcast_to(self, batch_shape: tuple[int, ...]) -> "Inputs":
         """The same, each with all of these leading axes."""
         arrays = {name: np.broadcast_to(value, (*batch_shape, value.shape[-1])) for name, value in self.arrays.items()}
-        result = self.with_arrays(arrays)
-        result.batch_shape = batch_shape
-        return result
+        return self.with_arrays(arrays, batch_shape)
 
     def without(self, names: Sequence[str]) -> "Inputs":
         """The same, with some of the inputs zero; leading axes stay."""
         zero = {name: np.zeros_like(self._arrays[name]) for name in names if name in self._arrays}
-        result = self.with_arrays(self._arrays | zero)
+        result = self.with_arrays(self._arrays | zero, self.batch_shape)
         result._profiles = {name: value for name, value in self._profiles.items() if name not in names}
-        result.given = tuple(name for name in self.given if name in result._arrays or name in result._profiles)
-        result.batch_shape = self.batch_shape
+        result._given = tuple(name for name in self.given if name in result._arrays or name in result._profiles)
         return result
 
     def __iter__(self) -> "Iterator[Inputs]":
@@ -277,9 +287,7 @@ class Inputs:
         """The inputs of some instances: ``inputs[k]`` takes the k-th along the first batch axis."""
         chosen: Any = index
         arrays = {name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[chosen] for name, a in self._arrays.items()}
-        result = self.with_arrays(arrays)
-        result.batch_shape = np.shape(np.broadcast_to(0.0, self.batch_shape)[chosen])
-        return result
+        return self.with_arrays(arrays, np.shape(np.broadcast_to(0.0, self.batch_shape)[chosen]))
 
     def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Inputs":
         """The inputs of some instances, a batch of one axis, solved by the terms that the whole batch needs.
@@ -288,8 +296,8 @@ class Inputs:
             batch_shape: What the inputs' leading axes broadcast to.
             instances: Numbers in the flattened batch, shape (k,).
         """
-        result = self.with_arrays({name: take(a, batch_shape or (1,), instances, tail=1) for name, a in self._arrays.items()})
-        result.batch_shape = (len(instances),)
+        taken = {name: take(a, batch_shape or (1,), instances, tail=1) for name, a in self._arrays.items()}
+        result = self.with_arrays(taken, (len(instances),))
         result._kept = frozenset(self.active)
         return result
 

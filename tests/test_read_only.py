@@ -88,6 +88,27 @@ def test_arrays_that_are_handed_out_are_read_only(robot: mr.SingleRod, name: str
     assert not writable
 
 
+WRITTEN = {
+    "inputs": ("tip_force", "tip_forse", "given", "batch_shape"),
+    "solution": ("tip_position", "status", "unknowns", "energy", "inputs", "anything"),
+    "part of a batch": ("tip_position", "stability"),
+    "history": ("time", "tip_position", "anything"),
+    "Newton's sample": ("tip_position", "columns"),
+    "robot": ("base", "rods", "arrays", "batch_shape"),
+    "rod": ("sections", "length", "bending_stiffness", "name"),
+}
+
+
+@pytest.mark.parametrize(("thing", "name"), [(thing, name) for thing, names in WRITTEN.items() for name in names])
+def test_nothing_is_written_to(robot: mr.SingleRod, thing: str, name: str) -> None:
+    """It would be told, and not used: what was computed does not change with it."""
+    made = HANDED_OUT[thing](robot)
+    before = repr(made), repr(getattr(made, name, None))
+    with pytest.raises(AttributeError, match=rf"{type(made).__name__}\.{name} = \.\.\. is not allowed: it does not change"):
+        setattr(made, name, np.zeros(3))
+    assert (repr(made), repr(getattr(made, name, None))) == before
+
+
 def test_what_is_computed_on_demand_is_read_only(robot: mr.SingleRod) -> None:
     found = solution(robot, batch=True)
     for values in (found.jacobian("tip_force"), found.jacobian("follower_force"), found.energy, found.unknowns):

@@ -1,7 +1,6 @@
 """One rod that is held at both ends."""
 
 from collections.abc import Iterable, Sequence
-from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, Unpack
 
@@ -20,6 +19,7 @@ from multirod.models.backbone.terms import scene_features
 from multirod.models.held.holders import END_INPUTS, POSE_INPUTS, ROD_INPUTS, TIP_SPECS, HeldOptions, Holders
 from multirod.models.held.problem import HeldProblem
 from multirod.models.joint_kernels import JOINTS
+from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.types import Numbers
@@ -191,11 +191,7 @@ class HeldRod(Assembly):
         return (scene_features(self._free.arrays, active, inputs.profiles, **options),)
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
-        result = copy(self)
-        result.rods = tuple(rods)
-        for name in ("_free", "holders", "longest", "stiffest"):
-            result.__dict__.pop(name, None)
-        return result
+        return changed(self, computed=("_free", "holders", "longest", "stiffest"), rods=tuple(rods))
 
     def __repr__(self) -> str:
         joints = [f"base_joint={self.base_joint!r}"] * (self.base_joint != "clamped")

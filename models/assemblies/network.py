@@ -1,7 +1,6 @@
 """Networks: rods and bodies joined in a graph."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
@@ -46,6 +45,7 @@ from multirod.models.network.joining.checks import holes_by_rod, joints_by_end
 from multirod.models.network.joining.joints import Joint
 from multirod.models.network.places import FIXED, LOADED, PER_ROD
 from multirod.models.network.problem import NetworkProblem
+from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.types import Numbers
@@ -344,20 +344,15 @@ class Network(Assembly):
         return tuple(found)
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
-        result = copy(self)
         robots = [renamed(robot.with_rods(rods[at]), name) for name, robot, at in self._each()]
-        result.rods = tuple(rod for robot in robots for rod in robot.rods)
-        own = self.graph
-        result.graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes, self.joints)
-        for name in ("longest", "stiffest"):
-            result.__dict__.pop(name, None)
-        return result
+        all_rods, own = tuple(rod for robot in robots for rod in robot.rods), self.graph
+        graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes, self.joints)
+        return changed(self, computed=("longest", "stiffest"), rods=all_rods, graph=graph)
 
     def with_base(self, base: FloatArray) -> Self:  # noqa: D102
-        result, own = copy(self), self.graph
-        result.base = pose("Network.base", base)
-        result.graph = Graph(own.whole, own.whole_names, self.bodies, own.joints, result.base, own.holes, self.joints)
-        return result
+        place, own = pose("Network.base", base), self.graph
+        graph = Graph(own.whole, own.whole_names, self.bodies, own.joints, place, own.holes, self.joints)
+        return changed(self, base=place, graph=graph)
 
     def frame_of(self, body: Body | str | tuple[Body | str, str]) -> tuple[int, FloatArray]:
         """Number of a body, as of ``body_index``, and the pose of one of its frames in its own, shape (4, 4).

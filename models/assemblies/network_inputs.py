@@ -1,7 +1,6 @@
 """What networks take: rods, and inputs, whose values by the names of rods, bodies and joints are put in order."""
 
 from collections.abc import Iterable, Mapping
-from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +16,7 @@ from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import place_of
 from multirod.models.network.places import FIXED, FOLLOWING, LOADED
 from multirod.models.platform.inputs import LEG_INPUTS
+from multirod.read_only import changed
 from multirod.rod import Rod
 from multirod.validation import FloatArray, array, meant, refuse
 
@@ -169,15 +169,12 @@ def renamed(robot: BackboneAssembly, name: str) -> BackboneAssembly:
 
 def _named(rod: Rod, name: str) -> Rod:
     """The same rod by the name that it has in the network."""
-    result = copy(rod)
-    object.__setattr__(result, "name", name)
-    return result
+    return changed(rod, name=name)
 
 
 def by_itself(rod: BackboneAssembly, inputs: Inputs, enabled: Iterable[str], **options: Any) -> BackboneProblem:  # noqa: ANN401
     """The problem of a rod that is a whole network, with an unknown force at its base, as it is in a graph; of what acts along
     it, that which acts on all rods."""
-    own = inputs.with_arrays({name: value for name, value in inputs.arrays.items() if name not in ON_RODS})
-    own.batch_shape = inputs.batch_shape
+    own = inputs.with_arrays({name: value for name, value in inputs.arrays.items() if name not in ON_RODS}, inputs.batch_shape)
     named = [name for name in enabled if name not in ON_RODS]
     return rod.problem(own, enabled=(*named, "follower_force"), **options)

@@ -1,7 +1,6 @@
 """Parallel rods: several rods, or concentric tubes, that hold one platform."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 from math import inf
@@ -36,6 +35,7 @@ from multirod.models.platform.derivatives.designs import PARAMETERS, parameter_s
 from multirod.models.platform.geometry import Geometry
 from multirod.models.platform.inputs import LEG_INPUTS, PLATFORM_INPUTS
 from multirod.models.platform.problem import ParallelProblem
+from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.types import Numbers
@@ -202,15 +202,13 @@ class ParallelRods(Assembly):
         return ParallelProblem(geometry, inputs, **options)
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
-        result = copy(self)
         robots = [leg.with_rods(rods[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True)]
         g = self.geometry
-        result.geometry = Geometry(robots, g.base, g.platform, g.joints.tolist(), g.axes, g.mass, g.mass_centre)
-        result.legs = tuple(
+        geometry = Geometry(robots, g.base, g.platform, g.joints.tolist(), g.axes, g.mass, g.mass_centre)
+        legs = tuple(
             robot if isinstance(leg, ConcentricTubes) else robot.rods[0] for leg, robot in zip(self.legs, robots, strict=True)
         )
-        result.rods = result.geometry.rods
-        return result
+        return changed(self, geometry=geometry, legs=legs, rods=geometry.rods)
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         active = [name for name in kernels.LEG_VECTORS if name in enabled or inputs.is_active(name)]

@@ -1,7 +1,6 @@
 """A robot that is one backbone."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from copy import copy
 from functools import cached_property
 from typing import Any, ClassVar, Self, Unpack
 
@@ -22,6 +21,7 @@ from multirod.models.backbone.members.member import kinds
 from multirod.models.backbone.problem import BackboneProblem, ProblemOptions
 from multirod.models.backbone.terms import scene_features
 from multirod.profile import Profile
+from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
 from multirod.types import Numbers
@@ -110,16 +110,10 @@ class BackboneAssembly(Assembly):
         return np.asarray(unknowns[:, :2] - rest[:2])
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
-        result = copy(self)
-        result.rods = tuple(rods)
-        for name in ("arrays", "longest", "stiffest", "_specs"):
-            result.__dict__.pop(name, None)
-        return result
+        return changed(self, computed=("arrays", "longest", "stiffest", "_specs"), rods=tuple(rods))
 
     def with_base(self, base: FloatArray) -> Self:  # noqa: D102
-        result = copy(self)
-        result.base = frozen(base)
-        return result
+        return changed(self, base=frozen(base))
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         active = (*inputs.active, *enabled)

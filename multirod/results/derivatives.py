@@ -225,9 +225,9 @@ def _eliminated(slopes: FloatArray, rows: FloatArray, gamma: FloatArray) -> Floa
 
 def _kept(solution: "Solution[Any]", names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Slopes, rows and ``Gamma`` that the solution has by these names; None where it has not."""
-    if solution.columns is None or ("translation" in names and solution.assembly.ends_meet(solution.inputs)):
+    if solution._columns is None or ("translation" in names and solution.assembly.ends_meet(solution.inputs)):
         return None
-    return solution.columns.by(names)
+    return solution._columns.by(names)
 
 
 def _gamma(problem: BoundaryProblem) -> FloatArray:

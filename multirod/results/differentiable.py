@@ -1,7 +1,6 @@
 """Robots as functions of numbers that have derivatives: what JAX and PyTorch are given, ``docs/derivatives.md``."""
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from math import prod
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.profile import Profile
+from multirod.read_only import changed
 from multirod.results.solution import Solution
 from multirod.rod import Rod, Section
 from multirod.rotations import cross_matrix
@@ -181,7 +181,5 @@ def _changed(rod: Rod, i: int, values: Mapping[str, FloatArray]) -> Rod:
                 refuse(name, Described("a function of arclength"), "must be numbers of each section to be a value")
             given[name] = value[..., i, m, :] if PARAMETERS[name] else value[..., i, m]
         sections.append(replace(section, **given))
-    result = copy(rod)
-    result.sections = tuple(sections)
-    result.batch_shape = np.broadcast_shapes(rod.batch_shape, *(section.batch_shape for section in sections))
-    return result
+    batch_shape = np.broadcast_shapes(rod.batch_shape, *(section.batch_shape for section in sections))
+    return changed(rod, sections=tuple(sections), batch_shape=batch_shape)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from multirod.assembly import Robot_co
 from multirod.batch import IntArray, take
 from multirod.inputs import Inputs
+from multirod.read_only import ReadOnly
 from multirod.results.events import BranchEvent
 from multirod.results.scene import Scene
 from multirod.solver import Outcome
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from multirod.studies.terms.simplify import Dropped
 
 
-class Found(Generic[Robot_co]):
+class Found(ReadOnly, Generic[Robot_co]):
     """What a solver left of each instance; NaN where that is no result.
 
     Args:
@@ -33,6 +34,14 @@ class Found(Generic[Robot_co]):
         instances: Numbers of the instances in the batch; all of them by default.
     """
 
+    written = frozenset()
+    instead = "copy what you want to change, np.array(...)"
+    _scene: Scene[Robot_co]
+    _records: FloatArray
+    _outcome: Outcome
+    _inputs: Inputs | None  # of the whole batch
+    _instances: IntArray | None  # of it, in the order of the records; None is all
+
     def __init__(
         self,
         scene: Scene[Robot_co],
@@ -41,11 +50,7 @@ class Found(Generic[Robot_co]):
         inputs: Inputs | None = None,
         instances: IntArray | None = None,
     ) -> None:
-        self._scene = scene
-        self._records = records
-        self._outcome = outcome
-        self._inputs = inputs  # of the whole batch
-        self._instances = instances  # of it, in the order of the records; None is all
+        vars(self).update(_scene=scene, _records=records, _outcome=outcome, _inputs=inputs, _instances=instances)
 
     @property
     def dropped(self) -> tuple["Dropped", ...]:

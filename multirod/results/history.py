@@ -29,6 +29,8 @@ class History(Solution[Robot_co]):
         description: What was run, for tables and recordings.
     """
 
+    written = frozenset({"time", "step_time", "description"})
+
     def __init__(
         self,
         scene: Scene[Robot_co],

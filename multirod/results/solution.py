@@ -57,7 +57,7 @@ class Solution(Computed[Robot_co]):
     """
 
     _remarks: Remarks | None = None  # of a task, for recordings
-    columns: derivatives.Columns | None = None  # of the pose, where the integrations of a tracker carried them
+    _columns: derivatives.Columns | None = None  # of the pose, where the integrations of a tracker carried them
 
     def __getitem__(self, index: Index) -> "Solution[Robot_co]":
         """The solution of some instances: ``index`` as for an array with the leading axes ``batch_shape``.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod import plausibility
+from multirod.read_only import ReadOnly
 from multirod.rod.cross_section import diameters, shear_modulus_of, stretching, within
 from multirod.rod.section import Section, by_section
 from multirod.types import Numbers, Precurvature
@@ -35,7 +36,7 @@ _NAMED = "all is named, Rod(length=, bending_stiffness=, torsional_stiffness=, p
 _OF_MATERIAL = "all is named, such as length=, outer_diameter= of a tube, diameter= of a wire, young_modulus=, precurvature="
 
 
-class Rod:
+class Rod(ReadOnly):
     """One elastic rod or tube: its length, stiffnesses and shape at rest; ``Rod.tube`` makes one from diameters and moduli.
 
     Give one set of stiffnesses with a ``length``, or ``sections``, along which frames are continuous. Material frame: z along the
@@ -73,6 +74,10 @@ class Rod:
         PlausibilityWarning: Of what is allowed and hardly meant, such as a length in mm.
     """
 
+    written = frozenset(
+        ("sections", "members", "discs", "lines", "loads", "outer_diameter", "inner_diameter", "name", "batch_shape")
+    )
+    instead = "make another Rod(...), its numbers as they are to be"
     _material: plausibility.Material | None = None  # what a tube was made of, for warnings and files
 
     @hinted(_NAMED)

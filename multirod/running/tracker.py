@@ -204,7 +204,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
             self._started = True
             sample = Solution(self._scene, self._problem.snapshot(), outcome)
             if self._columns and restored == self._problem.restored and not outcome.breakpoints:
-                sample.columns = Columns.of(self._problem, self._columns)
+                sample._columns = Columns.of(self._problem, self._columns)
             return sample
         finally:
             self._lock.release()

@@ -131,7 +131,7 @@ def by_network(
     result[..., problem.places[rod, :m]] = found[..., :m]
     result[..., n:] = by_numbers(aim.every, rod, found[..., m + turns : m + turns + problem.direction_count])
     if turns:
-        result += found[..., m : m + turns] @ beta[:, None]
+        result += found[..., m : m + turns] @ beta.reshape(len(beta), *(1,) * (found.ndim - beta.ndim), *beta.shape[1:])
     return result
 
 

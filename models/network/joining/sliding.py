@@ -4,7 +4,6 @@ Numbers in parentheses are those of ``docs/networks.md``.
 """
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.network.joining.joints import Joint
+from multirod.read_only import changed
 from multirod.rod import Rod
 from multirod.validation import FloatArray
 
@@ -128,10 +128,8 @@ def piece(rod: Rod, count: int) -> Rod:
     """One of ``count`` equal pieces of a uniform rod."""
     if count == 1:
         return rod
-    result = copy(rod)
     (section,) = rod.sections
-    object.__setattr__(result, "sections", (replace(section, length=section.length / count),))
-    return result
+    return changed(rod, sections=(replace(section, length=section.length / count),))
 
 
 def slid(problem: "NetworkProblem", state: "State", elements: "Elements", gap: FloatArray) -> FloatArray:

@@ -1,7 +1,6 @@
 """The same scene without some of its terms: what is dropped is made rigid, round, uniform, smooth, or zero."""
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import fields
 from math import inf
 
@@ -11,6 +10,7 @@ from multirod.assembly import Robot
 from multirod.inputs import Inputs
 from multirod.models.backbone.influence.envelope import LOADS
 from multirod.profile import Profile
+from multirod.read_only import changed
 from multirod.rod import Rod, Section
 from multirod.validation import FloatArray
 
@@ -66,12 +66,10 @@ def left_out(robot: Robot, inputs: Inputs, names: Sequence[str]) -> tuple[Robot,
 
 
 def _without(rod: Rod, names: Sequence[str]) -> Rod:
-    result = copy(rod)
+    sections, lines = rod.sections, rod.lines
     for name in names:
         if name in SECTIONS:
-            result.sections = tuple(new for section in result.sections for new in SECTIONS[name](section))
+            sections = tuple(new for section in sections for new in SECTIONS[name](section))
         else:
-            result.lines = tuple(LINES[name](rod, line) for line in result.lines)
-    if "discs" in names:
-        result.discs = None
-    return result
+            lines = tuple(LINES[name](rod, line) for line in lines)
+    return changed(rod, sections=sections, lines=lines, discs=None if "discs" in names else rod.discs)

@@ -1,7 +1,6 @@
 """Parameters of a robot as numbers of a fit, and the robot that has them. Numbers in parentheses: ``docs/estimation.md``."""
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from typing import Protocol, TypeAlias
 
@@ -9,6 +8,7 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.profile import Profile
+from multirod.read_only import changed
 from multirod.rod import Rod, Section
 from multirod.rotations import left_jacobian, matrices
 from multirod.tasks.estimating.iteration import block_diagonal
@@ -57,9 +57,8 @@ class Scaled:
         """As ``Group`` says."""
         for part, factor in zip(self._parts, np.exp(p), strict=True):
             for name, i in part:
-                rods[i].sections = tuple(
-                    replace(section, **{name: _number(section, name) * factor}) for section in rods[i].sections
-                )
+                sections = [replace(own, **{name: _number(own, name) * factor}) for own in rods[i].sections]
+                rods[i] = changed(rods[i], sections=tuple(sections))
         return robot
 
     def columns(self, robot: Assembly, name: str, p: FloatArray) -> FloatArray:
@@ -91,10 +90,10 @@ class Bent:
         """As ``Group`` says."""
         for (i, j, k), number in zip(self._places, p, strict=True):
             sections = list(rods[i].sections)
-            changed = np.array(_precurvature(sections[j]))
-            changed[k] += number
-            sections[j] = replace(sections[j], precurvature=changed)
-            rods[i].sections = tuple(sections)
+            precurvature = np.array(_precurvature(sections[j]))
+            precurvature[k] += number
+            sections[j] = replace(sections[j], precurvature=precurvature)
+            rods[i] = changed(rods[i], sections=tuple(sections))
         return robot
 
     def columns(self, robot: Assembly, name: str, p: FloatArray) -> FloatArray:
@@ -169,7 +168,7 @@ class Parameters:
 
     def robot(self, p: FloatArray) -> Assembly:
         """The robot with these numbers, shape (k,)."""
-        rods, result = [copy(rod) for rod in self.begin.rods], self.begin
+        rods, result = list(self.begin.rods), self.begin
         for key, group in self.groups.items():
             result = group.put(result, rods, p[self.places[key]])
         return result.with_rods(rods) if set(self.names) - {"base"} else result
