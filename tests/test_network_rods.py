@@ -174,6 +174,23 @@ def test_columns_of_what_stands_on_a_body(rod, given, difference):
             first += 1
 
 
+def test_tensions_and_lengths_of_lines_of_what_stands_on_a_body_vary_as_differences_do(difference):
+    """Of a rod whose base turns with its body under gravity."""
+    robot, solver = tower(LINED, kind="revolute"), mr.Shooting(tolerance=1e-12, integrator=mr.RK4(50))
+    given = {name: {"arm": value} for name, value in (DRIVEN | {"displacement": 0.004}).items()} | {"force": {"arm": FORCE}}
+    solution = mr.solve(robot, robot.inputs(gravity=GRAVITY, **given), solver=solver)
+    for of, size in (("tension", 0.1), ("line_length", 1e-3)):
+
+        def moved(t, of=of):
+            turned = mr.solve(robot, robot.inputs(gravity=np.add(GRAVITY, (t, 0, 0)), **given), solver=solver, guess=solution)
+            return np.array(getattr(turned, of))
+
+        by_difference = difference(moved, 0.1)
+        assert np.abs(by_difference).max() > 1e-3 * size
+        # the tolerance over the step
+        np.testing.assert_allclose(solution.jacobian("gravity", of=of)[:, 0], by_difference, rtol=0, atol=1e-8 * size)
+
+
 THREE = mr.ConcentricTubes([tube(0.25, 8, 0.02), tube(0.3, 5, 0.04), tube(0.24, 3, 0.05)])  # the second ends at the tip
 
 

@@ -13,7 +13,14 @@ from multirod.reuse import KEPT, MOST, ROOM
 from multirod.studies.scenes import six_legs, three_tubes
 
 WIRE = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
-ROBOTS = {"rod": mr.SingleRod(WIRE), "tubes": three_tubes().robot, "legs": six_legs().robot}
+END = np.eye(4)
+END[:3, 3] = 0.1, -0.05, 0.25  # where the end of the rod at rest is not
+ROBOTS = {
+    "rod": mr.SingleRod(WIRE),
+    "tubes": three_tubes().robot,
+    "legs": six_legs().robot,
+    "held": mr.HeldRod(WIRE, end=END, slide=(0.2, 0, 1)),
+}
 SCENES = {
     "rod": [
         {"rotation": 0.1, "tip_force": (1, 0, 0)},
@@ -23,6 +30,10 @@ SCENES = {
     "tubes": [
         {"rotation": (a, 0.1, 0.0), "translation": (-0.30, -0.22, -0.0945), "tip_force": force}
         for a, force in ((0.3, (0.1, 0.05, 0)), (2.9, (0.4, -0.2, 0.1)), (0.3, (0.2, 0, 0)))
+    ],
+    "held": [
+        {"end_position": (x, 0.02, -0.02), "end_rotation": (0.3, -0.2, 0.5), "tip_force": (0, 0, z)}
+        for x, z in ((0.01, -3.0), (0.03, 5.0), (0.01, -30.0))
     ],
     "legs": [{"tip_force": (x, 0, -8.0), "translation": [t, 0, 0, 0, 0, 0]} for x, t in ((1, 0), (-40, 0.01), (3, 0))],
 }

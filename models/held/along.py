@@ -20,6 +20,21 @@ if TYPE_CHECKING:
 Launches: TypeAlias = tuple[Launch, LanePass | ClampedBackbones, Launch]
 
 
+def unknown_rates(problem: "HeldProblem", names: Sequence[str]) -> FloatArray | None:
+    """(D19) What leaves moment and force at the base as they are, (instance, n, k); None where nothing need be."""
+    if problem.eliminates or "bending_stiffness" not in names:
+        return None
+    parts, x, n = [], problem.read("unknowns"), problem.rod.unknown_count
+    scaled = np.r_[0:3, n - 3 : n]
+    for name in names:
+        rates = np.zeros((problem.instance_count, problem.unknown_count, problem.directions_by(name).shape[1]))
+        if name == "bending_stiffness":
+            relative = problem.rod.derivatives.designs(name).largest() / problem.stiffness[:, None]
+            rates[:, scaled] = -x[:, scaled, None] * relative[:, None]
+        parts.append(rates)
+    return np.concatenate(parts, axis=2)
+
+
 def by_own_unknowns(problem: "HeldProblem", found: FloatArray) -> FloatArray:
     """Columns of the rod (instance_count, ..., m + k + turns), k along the directions that are named, as (..., n + k): by the
     unknowns of what is held, equation (6) of ``docs/held.md``, then by those directions."""
@@ -63,7 +78,7 @@ def of_held(
 
 def at_rates(problem: "HeldProblem", names: Sequence[str], values: FloatArray) -> None:
     """(D9) In place: columns (..., rows, n + k) by numbers at fixed unknowns, not at what the unknowns stand for."""
-    rates, n = problem.unknown_rates(names), problem.unknown_count
+    rates, n = unknown_rates(problem, names), problem.unknown_count
     if rates is not None:
         values[..., n:] -= values[..., :n] @ rates[:, None]
 

@@ -49,6 +49,7 @@ class HeldParts(PartsAtEqualSteps["HeldProblem"]):
             result.write(name, whole.read(name)[instances])
         for name in ("rest_position", "rest_turn", "opening", "direct"):
             getattr(result.table, name).assign(getattr(whole.table, name).numpy()[instances])
+        result._natural = None if whole._natural is None else whole._natural[instances]
         result.breakpoints = taken(whole.breakpoints, instances)
         return result
 

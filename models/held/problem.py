@@ -17,7 +17,7 @@ from multirod.launch import Launch, record
 from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
-from multirod.models.held.along import HeldSensing, Launches, columns_along
+from multirod.models.held.along import HeldSensing, Launches, columns_along, unknown_rates
 from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, Reach
 from multirod.models.held.clamps import HeldClamps
 from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, HeldOptions, Holders
@@ -25,7 +25,7 @@ from multirod.models.held.kernels.base_kernels import hand_over
 from multirod.models.held.kernels.holding_kernels import hold
 from multirod.models.held.segments import HeldBackbone, HeldSegments
 from multirod.models.held.stability import HeldStability
-from multirod.models.held.start import INTEGRATIONS_AT_REST, begin, begun_without_medium
+from multirod.models.held.start import INTEGRATIONS_AT_REST, Begun, begin, begun_without_medium
 from multirod.models.held.starts import HeldStarts
 from multirod.models.held.table import alike, make_table
 from multirod.problem import Block, BoundaryProblem
@@ -85,6 +85,7 @@ class HeldProblem(BoundaryProblem):
         }
         self.rounding = self.rod.rounding
         self._natural: FloatArray | None = None
+        self._begun: tuple[object, Begun] | None = None  # as ``guess`` found it, and at which inputs
         base, end = (np.array(np.broadcast_to(own, (*shape, 4, 4)).reshape(-1, 4, 4)) for own in (holders.base, holders.end))
         self.base_frame, self.end_position, self.end_frame = base[:, :3, :3], end[:, :3, 3], end[:, :3, :3]
         self.length = np.array(self.rod.each(self.rod.arrays.end[:, 0, -1]))
@@ -225,7 +226,7 @@ class HeldProblem(BoundaryProblem):
             return False
         self._clear()
         self.rod._clear()
-        self.inputs_given, self._natural = inputs, None
+        self.inputs_given, self._natural, self._begun = inputs, None, None
         self.write("inputs", self.pack(inputs))
         return True
 
@@ -269,26 +270,11 @@ class HeldProblem(BoundaryProblem):
     def aimed(self, *names: str) -> tuple[FloatArray, FloatArray]:
         """As said; by the rod's numbers too, the unknowns fixed."""
         slopes, moved = super().aimed(*names)
-        rates, n = self.unknown_rates(names), self.unknown_count
+        rates, n = unknown_rates(self, names), self.unknown_count
         if rates is not None:
             slopes -= self.read("gamma").reshape(-1, n, n) @ rates
             moved -= self.pose_columns.numpy()[:, :, :n] @ rates
         return slopes, moved
-
-    def unknown_rates(self, names: Sequence[str]) -> FloatArray | None:
-        """(D19) of ``docs/derivatives.md``: what leaves moment and force at the base as they are, (instance, n, k); None where
-        nothing need be."""
-        if self.eliminates or "bending_stiffness" not in names:
-            return None
-        parts, x, n = [], self.read("unknowns"), self.rod.unknown_count
-        scaled = np.r_[0:3, n - 3 : n]
-        for name in names:
-            rates = np.zeros((self.instance_count, self.unknown_count, self.directions_by(name).shape[1]))
-            if name == "bending_stiffness":
-                relative = self.rod.derivatives.designs(name).largest() / self.stiffness[:, None]
-                rates[:, scaled] = -x[:, scaled, None] * relative[:, None]
-            parts.append(rates)
-        return np.concatenate(parts, axis=2)
 
     def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:  # noqa: D102
         return columns_along(self, names, places)
@@ -301,19 +287,27 @@ class HeldProblem(BoundaryProblem):
 
         What is left of the residual is remembered and closes as ``load_factor`` goes from 0 to 1, (3).
         """
-        records = self.snapshot()
-        begun = begin(self)
+        at = self.read("inputs").tobytes(), self.side
+        if self._begun is None or self._begun[0] != at:
+            self._natural = np.ones(self.instance_count)  # what begins it knows where the rod is at rest
+            records = self.snapshot()
+            self._begun = at, begin(self)
+            self.restore(records)
+        begun = self._begun[1]
         self.guess_integrations, self.passed = begun.integrations, begun.passed
         self.table.opening.assign(begun.residual)
-        self.restore(records)
         self._natural = np.minimum(1.0, begun.least)
-        return begun.unknowns
+        return np.array(begun.unknowns)
+
+    def know_rest(self) -> None:
+        """Have it found where the end of the rod at rest is, where no ``guess`` has."""
+        if self._natural is None:
+            self.guess()
 
     @property
     def natural_singular_value(self) -> FloatArray:
         """That at ``guess``."""
-        if self._natural is None:
-            self.guess()
+        self.know_rest()
         assert self._natural is not None
         return self._natural
 
@@ -357,6 +351,7 @@ class HeldProblem(BoundaryProblem):
 
     def turning_angle(self) -> FloatArray:
         """How far the ends are turned against each other on the way from rest, at most [rad], shape (instance_count,)."""
+        self.know_rest()
         inputs = self.read("inputs")
         turn = np.linalg.norm(inputs[:, self.input_slice("end_rotation")], axis=1)
         turn += np.linalg.norm(self.table.rest_turn.numpy(), axis=1)

@@ -39,6 +39,7 @@ class Equilibria(Solution[Robot_co]):
             axis, shape (k,). It is neutral along that (``Stability.FOLD``), and ``index`` counts its unstable modes across.
     """
 
+    written = frozenset({"missing", "continuum"})
     missing: int | None
     continuum: NDArray[np.bool_]
 

@@ -306,9 +306,14 @@ class Controller(Uncopied, Generic[Robot_co]):
                 spent = frozen(spent + np.int32(self._shape.integrations))
             self._step.mind(Status(status).failed)
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
-        result.missing = -1 in seen
-        result._free, result._told, result._rows, result._limits = self.free, told, self._rows, self._limit_names
-        result._aims = kind[0] == 1
+        vars(result).update(
+            missing=-1 in seen,
+            _free=self.free,
+            _told=told,
+            _rows=self._rows,
+            _limits=self._limit_names,
+            _aims=kind[0] == 1,
+        )
         return result
 
     def _in_shape(self, shape: ShapeLimits, record: FloatArray, told: FloatArray, status: int) -> int:
