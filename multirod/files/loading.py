@@ -9,7 +9,7 @@ from multirod.validation import choice, instance, path_of, refuse
 
 ENDINGS = (".npz", ".toml")
 WRITTEN = (".csv", ".nc", ".glb", ".obj", ".ply", ".stl", ".rrd")  # and not read
-RESULTS = ("Solution", "History")
+RESULTS = ("Solution", "History", "Estimate", "Calibration")
 
 
 @overload
@@ -24,9 +24,9 @@ def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
         robot: Of inputs, which are checked against it; not given for all else.
 
     Returns:
-        A ``Solution``, a ``History``, a robot or ``Inputs``, whatever the file holds. Results answer all that they did before
-        (``rod``, ``jacobian``, ``stability``), on the device that they were computed on, or the CPU where there is none such;
-        what ``reach`` and a ``Controller`` say beside is not in the file.
+        A ``Solution``, a ``History``, an ``Estimate``, a ``Calibration``, a robot or ``Inputs``, whatever the file holds. Results
+        answer all that they did before (``rod``, ``jacobian``, ``stability``), on the device that they were computed on, or the
+        CPU where there is none such; what a ``Controller`` says beside is not in the file.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -34,6 +34,7 @@ def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
             type; the message names the file, the place in it, the value and what is allowed.
     """
     from multirod.files import archive, text
+    from multirod.files.estimates import calibration_from, estimate_from
     from multirod.files.kinds import ROBOTS, Part
     from multirod.files.making import made
     from multirod.files.results import inputs_from, result_from
@@ -60,7 +61,8 @@ def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
     if kind in ROBOTS:
         return made(table, Part(ROBOTS, many=False, named=True), where)
     try:
-        return result_from(table, where)
+        made_from = {"Estimate": estimate_from, "Calibration": calibration_from}.get(kind, result_from)
+        return made_from(table, where)
     except (KeyError, IndexError, TypeError, AttributeError) as error:
         refuse("path", str(file), f"it does not hold together ({type(error).__name__}: {error})")
 

@@ -145,7 +145,7 @@ def _table_of_reached(result: Reached[Any]) -> dict[str, Any]:
     return {
         **aim,
         "target": {name: getattr(target, name) for name in target.given},
-        "limits": {field.name: getattr(aim["limits"], field.name) for field in fields(LimitRows)},
+        "limits": table_of_limits(aim["limits"]),
         "errors": ends["errors"],
         "by_shape": None if held is None else vars(held),
     }
@@ -157,11 +157,21 @@ def _reached_from(table: Mapping[str, Any]) -> tuple[Aim, Ends]:
     target = Pose(**own["target"])
     for name, value in own["target"].items():
         setattr(target, name, value)  # to the bit, where directions were made as long as one again
-    limits, held = dict(own["limits"]), own["by_shape"]
-    own |= {"target": target, "limits": LimitRows(**{**limits, "names": tuple(limits["names"])})}
+    held = own["by_shape"]
+    own |= {"target": target, "limits": limits_from(own["limits"])}
     ends = Ends(own.pop("errors"), None if held is None else ShapeHolds(**held))
     del own["by_shape"]
     return Aim(**own), ends
+
+
+def table_of_limits(rows: LimitRows) -> dict[str, Any]:
+    """Limits of what is freed."""
+    return {field.name: getattr(rows, field.name) for field in fields(LimitRows)}
+
+
+def limits_from(table: Mapping[str, Any]) -> LimitRows:
+    """The reverse."""
+    return LimitRows(**{**table, "names": tuple(table["names"])})
 
 
 def _device(name: str) -> str:

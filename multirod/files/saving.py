@@ -10,6 +10,7 @@ import multirod
 from multirod.assembly import Assembly
 from multirod.files import archive, centrelines, datasets, meshes
 from multirod.files.describing import described
+from multirod.files.estimates import table_of_calibration, table_of_estimate
 from multirod.files.kinds import UNITS
 from multirod.files.results import table_of_inputs, table_of_result
 from multirod.files.text import toml
@@ -17,6 +18,8 @@ from multirod.files.whole import written
 from multirod.inputs import Inputs
 from multirod.results.history import History
 from multirod.results.solution import Solution
+from multirod.tasks.estimating.calibrate import Calibration
+from multirod.tasks.estimating.estimate import Estimate
 from multirod.types import RecordingOptions
 from multirod.validation import Described, file_path, refuse, unknown_names
 
@@ -47,6 +50,16 @@ def save_result(path: str | os.PathLike[str], solution: Solution, options: Mappi
     if write is not _recording:
         unknown_names(f"save(path), ending in {file.suffix},", options, list(signature(write).parameters)[2:] or ["no options"])
     write(file, solution, **options)
+
+
+def save_estimate(path: str | os.PathLike[str], result: Estimate[Any]) -> None:
+    """See ``Estimate.save``."""
+    archive.write(file_path("save.path", path, ".npz"), {**_version(), "kind": "Estimate", **table_of_estimate(result)})
+
+
+def save_calibration(path: str | os.PathLike[str], result: Calibration[Any]) -> None:
+    """See ``Calibration.save``."""
+    archive.write(file_path("save.path", path, ".npz"), {**_version(), "kind": "Calibration", **table_of_calibration(result)})
 
 
 def save_robot(path: str | os.PathLike[str], robot: Assembly) -> None:

@@ -33,7 +33,7 @@ class Bounds:
         self._low, self._high = (
             np.where(together, inset, own) for inset, own in zip(rows.inset(unit), (rows.low, rows.high), strict=True)
         )
-        self._near, self._unit = AT_LIMIT * (np.abs(rows.matrix) @ unit), unit
+        self._near, self.unit = AT_LIMIT * (np.abs(rows.matrix) @ unit), unit
 
     def at_limit(self, values: FloatArray) -> NDArray[np.bool_]:
         """Which numbers ``p`` (..., k) take part in a limit that they are at, or beyond, shape (..., k); none where they are
@@ -50,7 +50,7 @@ class Bounds:
             own = np.flatnonzero(row)
             if len(own) == 1:
                 k = own[0]
-                at, rounded = result[:, k], LIMIT_ROUNDING * self._unit[k]
+                at, rounded = result[:, k], LIMIT_ROUNDING * self.unit[k]
                 for end in (low, high):
                     at = np.where(np.abs(at - end) <= rounded, end, at)
                 result[:, k] = np.clip(at, np.minimum(low, before[:, k]), np.maximum(high, before[:, k]))

@@ -1,7 +1,9 @@
 """The parameters of a robot that measured shapes share. Numbers in parentheses: ``docs/estimation.md``."""
 
+import os
 from collections.abc import Mapping, Sequence
-from typing import Generic, Self, cast
+from dataclasses import dataclass
+from typing import Generic, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,29 @@ from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, device_name, frozen, instance, meant, positive_int, refuse, shown
 
 HARDLY_SEEN = 1.0  # deviation, of stiffnesses over what they were, of precurvatures in 1/m: a step there is a leap
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What a fit found, NaN where it failed, and what came of it; ``Calibration`` says of each.
+
+    Attributes:
+        places: Where the numbers of each parameter are among all.
+        hardly_seen: Labels of numbers of which the measurements say next to nothing.
+    """
+
+    places: dict[Key, slice]
+    labels: tuple[str, ...]
+    status: Status
+    iterations: int
+    integrations: int
+    missing: NDArray[np.bool_]
+    misfit: float
+    degrees: int
+    prior: FloatArray
+    values: FloatArray
+    covariance: FloatArray
+    hardly_seen: tuple[str, ...]
 
 
 class Calibration(Generic[Robot_co]):
@@ -50,21 +75,17 @@ class Calibration(Generic[Robot_co]):
         degrees: Numbers measured, less those that are unknown without a prior.
     """
 
-    def __init__(self, numbers: "Parameters", fit: "Fit") -> None:
-        self.robot = cast(Robot_co, fit.robot)
-        self.solution: Solution[Robot_co] = fit.solution
-        self.parameters = tuple(numbers.places)
-        self.labels = numbers.labels
-        self.status = fit.status
-        self.iterations, self.integrations = fit.iterations, fit.integrations
-        self.missing: NDArray[np.bool_] = frozen(fit.missing)
-        self.misfit, self.degrees = float(fit.square), fit.degrees
-        self._places, self._prior = numbers.places, numbers.prior
-        lost, covariance = np.nan if self.failed else 1.0, numbers.covariance(fit.p, fit.covariance)
-        self._values, self._covariance = lost * numbers.values(fit.p), lost * covariance
-        self._hardly_seen = [
-            label for label, spread in zip(self.labels, np.sqrt(np.diagonal(covariance)), strict=True) if spread > HARDLY_SEEN
-        ]
+    def __init__(self, solution: Solution[Robot_co], found: Fitted) -> None:
+        self.robot = solution.assembly
+        self.solution = solution
+        self._found = found
+        self.parameters = tuple(found.places)
+        self.labels, self.status = found.labels, found.status
+        self.iterations, self.integrations = found.iterations, found.integrations
+        self.missing: NDArray[np.bool_] = frozen(found.missing)
+        self.misfit, self.degrees = found.misfit, found.degrees
+        self._places, self._prior = found.places, found.prior
+        self._values, self._covariance = found.values, found.covariance
 
     @property
     def failed(self) -> bool:
@@ -108,9 +129,21 @@ class Calibration(Generic[Robot_co]):
     @property
     def _why(self) -> str:
         """Why it failed, for people."""
-        if self.status is not Status.STALLED or not self._hardly_seen:
+        if self.status is not Status.STALLED or not self._found.hardly_seen:
             return self.status.message
-        return f"the measurements say next to nothing of {', '.join(self._hardly_seen)}: give these a Prior, or measure more"
+        return (
+            f"the measurements say next to nothing of {', '.join(self._found.hardly_seen)}: give these a Prior, or measure more"
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all of it to a file that ends in ``.npz``, which ``mr.load`` reads (``docs/files.md``).
+
+        Raises:
+            ValueError: If the ending is another, or the robot is of a class of another package.
+        """
+        from multirod.files.saving import save_calibration
+
+        save_calibration(path, self)
 
     def _place(self, name: Key) -> slice:
         if name not in self._places:
@@ -191,7 +224,27 @@ def calibrate(
     fit = Fit(robot, whole, numbers, rows, method, begin, device)
     fit.degrees = int(rows.known.sum()) - flat
     fit.run(most)
-    return Calibration(numbers, fit)
+    return Calibration(fit.solution, _fitted(numbers, fit))
+
+
+def _fitted(numbers: Parameters, fit: Fit) -> Fitted:
+    covariance = numbers.covariance(fit.p, fit.covariance)
+    spread = zip(numbers.labels, np.sqrt(np.diagonal(covariance)), strict=True)
+    lost = np.nan if fit.status.failed else 1.0
+    return Fitted(
+        places=numbers.places,
+        labels=numbers.labels,
+        status=fit.status,
+        iterations=fit.iterations,
+        integrations=fit.integrations,
+        missing=fit.missing,
+        misfit=float(fit.square),
+        degrees=fit.degrees,
+        prior=numbers.prior,
+        values=lost * numbers.values(fit.p),
+        covariance=lost * covariance,
+        hardly_seen=tuple(label for label, own in spread if own > HARDLY_SEEN),
+    )
 
 
 def _checked(robot: Assembly, parameters: object) -> dict[Key, Prior]:

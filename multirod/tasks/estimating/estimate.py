@@ -1,5 +1,6 @@
 """The most probable inputs behind measurements, and how sure they are. Numbers in parentheses: ``docs/estimation.md``."""
 
+import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import prod
@@ -165,6 +166,16 @@ class Estimate(Generic[Robot_co]):
         """Which of the unknown numbers, in the order of ``unknown``, stand at a limit of the robot, such as a tension of 0, shape
         (..., k)."""
         return np.asarray(frozen(self._bounds.at_limit(self._mean)))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all of it to a file that ends in ``.npz``, which ``mr.load`` reads (``docs/files.md``).
+
+        Raises:
+            ValueError: If the ending is another, or the robot or the integrator is of a class of another package.
+        """
+        from multirod.files.saving import save_estimate
+
+        save_estimate(path, self)
 
     def _place(self, name: str) -> slice:
         return self._places[choice("name", name, self._places)]
