@@ -354,6 +354,11 @@ MISTAKES = {
     "something missing": ("bending_stiffness = 4e-3", "", r"tubes\[0\]: Rod needs bending_stiffness"),
     "no tubes": (HAND_WRITTEN, 'kind = "ConcentricTubes"', r"tubes is not there: ConcentricTubes needs tubes"),
     "what does not fit": ("inner_diameter = 1.5e-3", "inner_diameter = 0", r"tubes\[1\]\.inner_diameter = 0\.0 .*must be > 0"),
+    "an axis of a joint that has none": (
+        HAND_WRITTEN,
+        'kind = "HeldRod"\njoint_axis = [0, 1, 0]\n[rod]\nlength = 0.3\nbending_stiffness = 0.02\ntorsional_stiffness = 0.01',
+        r"HeldRod\.joint_axis = \[0, 1, 0\] is not allowed: must not be given: only a 'revolute' .* joint is 'clamped'",
+    ),
     "later version": ("kind = ", "version = 2\nkind = ", r"version = 2 is not allowed: must be 1 to 1"),
     "no version": ("kind = ", 'version = "1"\nkind = ', r"version = '1' is not allowed"),
     "no TOML": ("length = 0.3", "length = 0.3 m", r"it is no TOML: .*line 6"),
