@@ -99,6 +99,21 @@ WRITTEN = {
 }
 
 
+@pytest.mark.parametrize("name", ["kind", "stiffness", "pose"])
+def test_a_joint_is_not_written_to(name: str) -> None:
+    joint = mr.Joint("wire", "tip", to=mr.Body("plate"))
+    with pytest.raises(AttributeError, match=rf"Joint\.{name} = \.\.\. is not allowed: .*make another Joint"):
+        setattr(joint, name, np.zeros(3))
+
+
+@pytest.mark.parametrize("name", ["mass", "pose", "name"])
+def test_a_body_is_not_written_to(name: str) -> None:
+    body = mr.Body("plate", mass=0.1)
+    with pytest.raises(AttributeError, match=rf"Body\.{name} = \.\.\. is not allowed: .*make another Body"):
+        setattr(body, name, 5.0)
+    assert body.mass == 0.1
+
+
 @pytest.mark.parametrize(("thing", "name"), [(thing, name) for thing, names in WRITTEN.items() for name in names])
 def test_nothing_is_written_to(robot: mr.SingleRod, thing: str, name: str) -> None:
     """It would be told, and not used: what was computed does not change with it."""

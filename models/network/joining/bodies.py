@@ -6,6 +6,7 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.assembly import pose as checked_pose
+from multirod.read_only import ReadOnly
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, frozen, meant, nonnegative_float, refuse
 
@@ -26,7 +27,7 @@ class Ground:
 ground = Ground()
 
 
-class Body:
+class Body(ReadOnly):
     """A rigid body that rods hold and that other rods may stand on: a platform, a disc, an object that is carried.
 
     Args:
@@ -44,6 +45,8 @@ class Body:
         ValueError: If the name is empty or ``"ground"``, a number is out of range, a pose is none, or there is a
             ``mass_centre`` without a mass; if a fixed body has no pose, or a mass.
     """
+
+    instead = "make another Body(...), and a network of it"
 
     def __init__(
         self,

@@ -4,7 +4,6 @@ Numbers in parentheses are those of ``docs/networks.md``.
 """
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import pose as checked_pose
 from multirod.models.network.joining.bodies import Body, Ground, name_of
+from multirod.read_only import ReadOnly, changed
 from multirod.rotations import left_jacobian, matrices, vectors
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, directions, frozen, nonnegative_float, positive_float, refuse
@@ -29,7 +29,7 @@ PERPENDICULAR = 1e-8  # that the axes of a universal joint may be off a right an
 FITTING = 8  # steps in which the coordinates of a joint are found that fit a rotation best
 
 
-class Joint:
+class Joint(ReadOnly):
     """One end of a rod, and what holds it there; or a hole through which the rod slides without friction.
 
     Args:
@@ -63,6 +63,8 @@ class Joint:
         ValueError: If a name is no name, a pose is none, an axis is missing or zero, or there is a ``rest`` without a spring.
         TypeError: If ``to`` is neither a ``Body`` nor ``mr.ground``.
     """
+
+    instead = "make another Joint(...), and a network of it"
 
     def __init__(
         self,
@@ -146,10 +148,9 @@ class Joint:
 
     def around(self, end: Literal["base", "tip"]) -> "Joint":
         """Of a hole: what it is to the end of the piece of the rod on one side of it."""
-        result = copy(self)
-        result.end, result.kind = end, HOLES[self.kind]
-        result.stiffness, result.rest = np.zeros((2, result.count))  # what it turns about has no spring
-        return result
+        kind = HOLES[self.kind]
+        none = np.zeros(KINDS[kind])  # what it turns about has no spring
+        return changed(self, end=end, kind=kind, stiffness=none, rest=none)
 
     def __repr__(self) -> str:
         kind = "" if self.kind == "clamped" else f", {self.kind}{', driven' * self.driven}"
