@@ -120,6 +120,27 @@ def test_a_wrong_model_is_corrected_by_what_is_measured_and_noise_is_not_fed_for
     assert dropped.status is mr.Status.TRACKING
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # a load that is none: of a command that failed
+def test_a_command_is_read_back_from_a_file_as_one(start, tmp_path):
+    loop = loop_of(start, 200)
+    far = start.tip_position + (0, 0, 0.3)  # limits hold on the way there
+    commands = [loop.step(position=far) for _ in range(20)] + [loop.step(position=far, tip_force=(1e9, 0, 0))]
+    assert any(command.at_limit.any() for command in commands)
+    assert commands[-1].failed
+    for command in (commands[0], commands[-2], commands[-1]):
+        command.save(tmp_path / "command.npz")
+        found = mr.load(tmp_path / "command.npz")
+        assert type(found) is type(command)
+        assert repr(found) == repr(command)
+        assert (found.free, found.held_by, found.singular, found.missing) == (FREE, command.held_by, command.singular, False)
+        for name in ("target_error", "target_angle", "offset", "at_limit", "tip_position", "status"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(command, name))
+        for name in FREE:
+            np.testing.assert_array_equal(getattr(found.inputs, name), getattr(command.inputs, name))
+            np.testing.assert_array_equal(getattr(found.last_good, name), getattr(command.last_good, name))
+        np.testing.assert_array_equal(found.jacobian(*FREE), command.jacobian(*FREE))
+
+
 def test_limits_and_singular_tasks_have_bounded_steps_and_say_so(start):
     loop, before = loop_of(start, 200), start.inputs
     said = set()

@@ -23,6 +23,7 @@ from multirod.results.solution import Solution
 from multirod.segments import Breakpoints
 from multirod.solver import Outcome
 from multirod.studies.terms.simplify import Dropped
+from multirod.tasks.controlling.command import Command
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.reaching.reached import Aim, Ends, Reached, ShapeHolds
 from multirod.tasks.rows import Pose
@@ -98,11 +99,13 @@ def table_of_result(solution: Solution) -> dict[str, Any]:
         result |= {"time": solution.time, "step_time": solution.step_time, "description": solution.description}
     if isinstance(solution, Reached):
         result["reached"] = _table_of_reached(solution)
+    if isinstance(solution, Command):
+        result["command"] = _table_of_command(solution)
     return result
 
 
 def result_from(table: Mapping[str, Any], where: str) -> Solution:
-    """The solution of a table; a ``History`` where it has times, ``Reached`` where it has a target.
+    """The solution of a table: a ``History`` where it has times, ``Reached`` where it has a target, a ``Command`` of a controller.
 
     Raises:
         ValueError: If it is of another version, or does not hold together.
@@ -132,6 +135,8 @@ def result_from(table: Mapping[str, Any], where: str) -> Solution:
         )
     if "reached" in table:
         return Reached(scene, records, outcome, *_reached_from(table["reached"]), inputs, table["instances"])
+    if "command" in table:
+        return _with_told(Command(scene, records, outcome, inputs, table["instances"]), table["command"])
     if "time" not in table:
         return Solution(scene, records, outcome, inputs, table["instances"])
     times = {name: table[name] for name in ("time", "step_time", "description")}
@@ -162,6 +167,25 @@ def _reached_from(table: Mapping[str, Any]) -> tuple[Aim, Ends]:
     ends = Ends(own.pop("errors"), None if held is None else ShapeHolds(**held))
     del own["by_shape"]
     return Aim(**own), ends
+
+
+def _table_of_command(command: Command[Any]) -> dict[str, Any]:
+    """What a controller says beside a sample's solution."""
+    own = {name: getattr(command, name) for name in ("missing", "_free", "_told", "_limits", "_aims")}
+    return {name.lstrip("_"): value for name, value in own.items()} | {"rows": table_of_limits(command._rows)}
+
+
+def _with_told(command: Command[Any], table: Mapping[str, Any]) -> Command[Any]:
+    """The command with what its controller said."""
+    vars(command).update(
+        missing=table["missing"],
+        _free=tuple(table["free"]),
+        _told=table["told"],
+        _limits=tuple(table["limits"]),
+        _aims=table["aims"],
+        _rows=limits_from(table["rows"]),
+    )
+    return command
 
 
 def table_of_limits(rows: LimitRows) -> dict[str, Any]:
