@@ -24,9 +24,9 @@ def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
         robot: Of inputs, which are checked against it; not given for all else.
 
     Returns:
-        A ``Solution`` (of ``reach`` or a ``Controller``, as that is), a ``History``, an ``Estimate``, a ``Calibration``, a robot or
-        ``Inputs``, whatever the file holds. Results answer all that they did before (``rod``, ``jacobian``, ``stability``), on the
-        device that they were computed on, or the CPU where there is none such.
+        A ``Solution`` (of ``reach`` or a ``Controller``, as that is), a ``History``, an ``Estimate``, a ``Calibration``, a robot
+        or ``Inputs``, whatever the file holds. Results answer all that they did before (``rod``, ``jacobian``, ``stability``), on
+        the device that they were computed on, or the CPU where there is none such.
 
     Raises:
         FileNotFoundError: If there is no such file.

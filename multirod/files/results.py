@@ -105,7 +105,7 @@ def table_of_result(solution: Solution) -> dict[str, Any]:
 
 
 def result_from(table: Mapping[str, Any], where: str) -> Solution:
-    """The solution of a table: a ``History`` where it has times, ``Reached`` where it has a target, a ``Command`` of a controller.
+    """The solution of a table: a ``History`` if it has times, ``Reached`` if it has a target, a ``Command`` of a controller.
 
     Raises:
         ValueError: If it is of another version, or does not hold together.
