@@ -107,8 +107,9 @@ class Parts(ABC):
         """Instances, (k,), by how finely ``followed`` integrates them, which depends on those alone that it is asked for."""
         return [instances]
 
-    def followed(self, instances: IntArray) -> "BoundaryProblem":
-        """The problem by which branches of instances of one kind are followed, (k,), with the columns of the pose."""
+    def followed(self, instances: IntArray, times: int = 1) -> "BoundaryProblem":
+        """The problem by which branches of instances of one kind are followed, (k,), with the columns of the pose; where that is
+        at equal steps, at so many ``times`` as many."""
         return self.finer(instances, poses=True) or self.of(instances, double=True, poses=True)
 
     def steps_followed(self, instances: IntArray) -> int:
@@ -120,9 +121,9 @@ class Parts(ABC):
         """Whether ``clamped`` is offered."""
         return False
 
-    def clamped(self, instances: IntArray, pieces: int) -> "BoundaryProblem":
+    def clamped(self, instances: IntArray, pieces: int, times: int = 1) -> "BoundaryProblem":
         """A problem of these instances, (k,), with ``clamps`` that cut each rod into so many pieces, as exact as it can be and
-        with the columns of the pose."""
+        with the columns of the pose, at as many steps as ``followed``."""
         raise NotImplementedError(f"{type(self).__name__} does not clamp rods")
 
 

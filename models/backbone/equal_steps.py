@@ -58,8 +58,9 @@ class PartsAtEqualSteps(Parts, Generic[P]):
     def __init__(self, problem: P, integrator: Integrator, backbones: "Sequence[BackboneProblem]") -> None:
         self.problem, self._integrator, self._backbones = problem, integrator, backbones
 
-    def _at_equal_steps(self, instances: IntArray) -> Integrator | None:
-        return at_equal_steps(self._integrator, int(step_counts(self._backbones, self.problem.instance_count)[instances].max()))
+    def _at_equal_steps(self, instances: IntArray, times: int = 1) -> Integrator | None:
+        steps = int(step_counts(self._backbones, self.problem.instance_count)[instances].max())
+        return at_equal_steps(self._integrator, times * steps)
 
     def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102
         return split(instances, step_counts(self._backbones, self.problem.instance_count)[instances])
@@ -83,6 +84,10 @@ class PartsAtEqualSteps(Parts, Generic[P]):
         integrator = self._at_equal_steps(instances)
         return None if integrator is None else self._part(instances, integrator, poses=poses)
 
-    def clamped(self, instances: IntArray, pieces: int) -> P:  # noqa: D102
-        integrator = self._at_equal_steps(instances) or self._integrator.in_double()
+    def followed(self, instances: IntArray, times: int = 1) -> P:  # noqa: D102
+        integrator = self._at_equal_steps(instances, times) or self._integrator.in_double()
+        return self._part(instances, integrator, poses=True)
+
+    def clamped(self, instances: IntArray, pieces: int, times: int = 1) -> P:  # noqa: D102
+        integrator = self._at_equal_steps(instances, times) or self._integrator.in_double()
         return self._part(instances, integrator, poses=True, pieces=pieces)

@@ -32,22 +32,22 @@ class BackboneParts(Parts):
     def may_be_clamped(self) -> bool:  # noqa: D102
         return self.problem.may_be_clamped
 
-    def clamped(self, instances: IntArray, pieces: int) -> "BackboneProblem":  # noqa: D102
-        return self._part(instances, self._followed(instances) or self.problem.integrator.in_double(), True, pieces)
+    def clamped(self, instances: IntArray, pieces: int, times: int = 1) -> "BackboneProblem":  # noqa: D102
+        return self._part(instances, self._followed(instances, times) or self.problem.integrator.in_double(), True, pieces)
 
     def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102
         return split(instances, self._steps()[instances])
 
-    def followed(self, instances: IntArray) -> "BackboneProblem":  # noqa: D102
-        return self._part(instances, self._followed(instances) or self.problem.integrator.in_double(), True)
+    def followed(self, instances: IntArray, times: int = 1) -> "BackboneProblem":  # noqa: D102
+        return self._part(instances, self._followed(instances, times) or self.problem.integrator.in_double(), True)
 
     def steps_followed(self, instances: IntArray) -> int:  # noqa: D102
         return (self._followed(instances) or self.problem.integrator).steps or 0
 
-    def _followed(self, instances: IntArray) -> Integrator | None:
+    def _followed(self, instances: IntArray, times: int = 1) -> Integrator | None:
         """What is straight is not seen by step control, however fine it is, until it has buckled."""
         steps = int(self._steps()[instances].max())
-        return at_equal_steps(self.problem.integrator, steps) if steps else self._finest()
+        return at_equal_steps(self.problem.integrator, times * steps) if steps else self._finest()
 
     def _steps(self) -> NDArray[np.intp]:
         """Equal steps that instances are followed at, so many for each wave of a medium; 0 where step control will do, shape

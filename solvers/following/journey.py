@@ -40,11 +40,6 @@ RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 MERGED = 0.05  # turn of the tip [rad] within which branches merge
 ALONGSIDE = 2  # steps of Newton's method across modes that vanish
 VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
-CLAMPED_STEPS = 400  # of a descent by the turns of clamps
-RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
-SHORTEST_CLAMPED = 1e-4  # part of it
-MISSED = 0.2  # part of a step, by which it may have been wrong
-OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
 MOST_EVENTS = 16
 NEARLY = 1e-4  # singular value of Gamma, below which a mode may be neutral
 LAST = 1e-3  # of the way, on which a neutral mode may be one that rounded kinks held until there
@@ -91,6 +86,8 @@ class Journey(Walk):
                 self.events.append(event)
             leaves = event is not None and event.status is Status.BIFURCATED and not event.fold
             point = yield from self._along(landed, neutral, point if leaves else None)
+            if self.hardly > neutral and (point := (yield from self._let_down(point))) is None:
+                return
             if 1 - LAST < point.level < 1:
                 point, neutral = yield from self._released(point, neutral)
             if point.level < 1 and np.linalg.svd(point.gamma, compute_uv=False)[-1] > self.singular:
@@ -127,6 +124,12 @@ class Journey(Walk):
                 step *= 4
             point = yield from self._along(landed, 0)
 
+    def _at_rest(self, unknowns: FloatArray, level: float, neutral: int) -> Run:
+        """The equilibrium without clamps that they lead to."""
+        if self.hardly > neutral:
+            return (yield from self._levelled(unknowns, level))
+        return (yield from self._correct(unknowns, level, neutral))[0]
+
     def _end_undecided(self, point: Point) -> Run:
         """The end of the way, if it is just where the branch is critical, and an equilibrium on which no mode is unstable but by
         what cannot be told."""
@@ -160,7 +163,7 @@ class Journey(Walk):
             if self.slight:
                 yield from self._polish_slight(end)
                 return
-            found = yield from self._next_to(end.unknowns, self.neutral)
+            found = yield from (self._levelled(end.unknowns, 1.0) if self.hardly else self._next_to(end.unknowns, self.neutral))
             if found is None:
                 self.status = Status.BRANCH_END
                 self._lose(end)
@@ -208,14 +211,14 @@ class Journey(Walk):
         """Whether a point is stable but for modes that symmetry leaves neutral; what loads across hold too little to be told from
         these is one of a held rod too, whose ``Gamma`` says what they hold."""
         judgement = yield from self._judge(point)
-        return judgement.stands and (self.slight or not self.has_tip or judgement.soft == neutral)
+        return judgement.stands and (self.slight or not self.has_tip or neutral <= judgement.soft <= max(neutral, self.hardly))
 
     # ---- leaving a branch ----
 
     def _leave(self, critical: Point) -> Run:
         """Where the robot goes from a critical point: the point it comes to, what happened, and the modes that are neutral there;
         None where that cannot be told."""
-        landed = None
+        landed, self.hardly = None, 0
         if self.by_tip:
             with suppress(Unfit):
                 landed = yield from self._leave_by(critical)
@@ -248,7 +251,7 @@ class Journey(Walk):
         if len(landed.unknowns) > len(self.start):
             neutral = neutral if self.has_tip else 0  # of a held rod Gamma is made to hold what symmetry leaves neutral
             own = landed.unknowns[: len(self.start)] if landed.settled is None else landed.settled
-            rest, _ = yield from self._correct(own, landed.level, neutral)
+            rest = yield from self._at_rest(own, landed.level, neutral)
             if rest is None:
                 return None
         if not (yield from self._rests(rest, neutral)) or (neutral and (yield from self._by_symmetry(rest)) != neutral):
@@ -362,31 +365,6 @@ class Journey(Walk):
             landed = yield from self._descend_clamped(point, slope, first)
             return landed
         return (yield from self._ask(Descend(point, slope, first, self.within, self._left))).point
-
-    def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
-        """The same by the turns of clamps: in steps that (9) says are short enough, as ends that are held bend the way."""
-        radius, share, turn = RADIUS, 1.0, slope.modes.T @ first if first.any() else slope.turn(RADIUS)
-        for k in range(CLAMPED_STEPS):
-            step = share * (slope.back + slope.change(slope.modes @ turn))
-            trial = yield from self._at(point.unknowns + step, point.level)
-            self.iterations += 1
-            found, longest = self._slope_or_none(trial), share * float(np.abs(turn).max())
-            off = np.inf if found is None or found.facing != slope.facing else slope.missed(share * turn, found)
-            allowed = max(MISSED * longest, OFF * max(1.0, slope.drive))
-            kicked = k > 0 and bool(first.any())
-            rises = kicked and found is not None and slope.rises(turn, found)
-            if not off <= allowed or rises:
-                share *= 0.5
-                if share < SHORTEST_CLAMPED:
-                    return None
-                continue
-            assert found is not None  # or it would be infinitely far off
-            point, slope = trial, found
-            if point.size <= self.within and slope.values[0] >= -SOFT:
-                return point
-            radius = min(RADIUS_CLAMPED, share * radius * (2 if off < 0.5 * allowed else 1))
-            share, turn = 1.0, slope.turn(radius)
-        return None
 
 
 def _held(slope: Slope) -> bool:

@@ -14,6 +14,7 @@ from multirod.batch import IntArray
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Points, Slope, Slopes, downhill, norms
 from multirod.solvers.following.requests import Answer, Correct, Descend, Trace
+from multirod.solvers.following.valley import FLOOR
 from multirod.validation import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -76,6 +77,7 @@ def correct(server: Server, asked: dict[int, Correct]) -> dict[int, Answer]:
         np.array([one.tolerance for one in all_]),
         np.array([one.left for one in all_]),
         np.array([one.any_contraction for one in all_]),
+        np.array([one.aside for one in all_]),
     )
     answers = {}
     for i, place in enumerate(places.tolist()):
@@ -94,8 +96,10 @@ def _correct(
     tolerance: FloatArray,
     left: IntArray,
     any_contraction: BoolArray | bool = False,
+    aside: BoolArray | None = None,
 ) -> _Corrections:
-    """(7) Newton's method, without steps along ``neutral`` modes; the first axis of all is the instance."""
+    """(7) Newton's method, without steps along ``neutral`` modes, and ``aside`` from what is missing along these; the first axis
+    of all is the instance."""
     result, count = _Corrections(unknowns), len(places)
     unknowns, on = np.array(unknowns), np.ones(count, dtype=bool)
     contraction, size = np.zeros(count), np.full(count, np.inf)
@@ -110,7 +114,7 @@ def _correct(
         residual, gamma, over = server.evaluate(places[now], unknowns[now], level[now])
         result.integrations[now] += 1
         result.spent[now] = over
-        largest = np.abs(residual).max(axis=1)
+        largest = np.abs(residual if aside is None else _across(residual, gamma, neutral[now] * aside[now])).max(axis=1)
         sound = np.isfinite(largest) & np.isfinite(gamma).all(axis=(1, 2)) & ~over
         # one step at least, as what is within the tolerance by chance tells the next step along the branch nothing
         there = sound & (largest <= (tolerance[now] if k else POLISHED * tolerance[now]))
@@ -157,6 +161,15 @@ def _least_steps(residual: FloatArray, gamma: FloatArray, neutral: IntArray) -> 
     return result
 
 
+def _across(residual: FloatArray, gamma: FloatArray, aside: IntArray) -> FloatArray:
+    """Residuals (k, n) without what is missing along so many of the last singular vectors of each ``Gamma``."""
+    result = np.array(residual)
+    for i in np.flatnonzero((aside > 0) & np.isfinite(gamma).all(axis=(1, 2))).tolist():
+        along = np.linalg.svd(gamma[i])[0][:, -aside[i] :]
+        result[i] -= along @ (along.T @ residual[i])
+    return result
+
+
 def trace(server: Server, asked: dict[int, Trace]) -> dict[int, Answer]:
     """Along the branch through each start: the last point on it, of level 1 if it leads there."""
     places, all_ = np.array(list(asked)), list(asked.values())
@@ -185,6 +198,7 @@ class _Traces:
         count, n = len(places), len(asked[0].start.unknowns)
         self.neutral, self.left = (np.array([getattr(one, name) for one in asked]) for name in ("neutral", "left"))
         self.most, self.tolerance = (np.array([getattr(one, name) for one in asked]) for name in ("most", "tolerance"))
+        self.aside = np.array([one.aside for one in asked])
         self.safe, self.longest = (np.array([getattr(one, name) for one in asked]) for name in ("safe", "longest"))
         self.at: list[Point | tuple[Points, int]] = [one.start for one in asked]
         self.gamma = np.array([one.start.gamma for one in asked])
@@ -216,11 +230,13 @@ class _Traces:
         goal = np.minimum(1.0, last + self.steps[now])
         expected = self._extrapolated(now, goal)
         left = self.left[now] - self.integrations[now]
-        found = _correct(self.server, self.places[now], expected, goal, self.neutral[now], self.tolerance[now], left)
+        more = self.neutral[now], self.tolerance[now], left
+        found = _correct(self.server, self.places[now], expected, goal, *more, aside=self.aside[now])
         self.integrations[now] += found.integrations
         self.spent[now] = found.spent
         same = found.there & (found.contraction <= CONTRACTION)
-        same[same] = all_alike(found.gamma[same], self.gamma[now[same]], self.neutral[now[same]])
+        soft = np.where(self.aside[now[same]], FLOOR, SOFT)
+        same[same] = all_alike(found.gamma[same], self.gamma[now[same]], self.neutral[now[same]], soft)
         good = same & ((self.known[now] < 2) | self._foreseen(now, found.unknowns, expected, unknowns))
         for i in np.flatnonzero(good).tolist():
             k, own = int(now[i]), found.found[i]
@@ -284,8 +300,8 @@ class _Traces:
             return near | (norms(found - 0.5 * (last + surprise)) <= 0.5 * SURPRISE * moved)
 
 
-def all_alike(gamma: FloatArray, before: FloatArray, neutral: IntArray) -> BoolArray:
-    """``same_branch`` without the modes that are neutral all along, so many of each, (k,)."""
+def all_alike(gamma: FloatArray, before: FloatArray, neutral: IntArray, most: FloatArray) -> BoolArray:
+    """``same_branch`` without the modes that are neutral all along, so many of each, (k,), to ``most`` of a singular value."""
     result = np.zeros(len(gamma), dtype=bool)
     for count in np.unique(neutral).tolist():
         own = neutral == count
@@ -293,7 +309,7 @@ def all_alike(gamma: FloatArray, before: FloatArray, neutral: IntArray) -> BoolA
         if not count:
             result[own] = same_branch(after, earlier)
             continue
-        soft = np.linalg.svd(after, compute_uv=False)[:, -count] <= SOFT  # else another branch, which has not that symmetry
+        soft = np.linalg.svd(after, compute_uv=False)[:, -count] <= most[own]  # else another branch, which has not that symmetry
         u, _, v = np.linalg.svd(earlier)
         u, v = u[:, :, :-count].swapaxes(1, 2), v[:, :-count].swapaxes(1, 2)
         result[own] = soft & same_branch(u @ after @ v, u @ earlier @ v)
@@ -302,7 +318,7 @@ def all_alike(gamma: FloatArray, before: FloatArray, neutral: IntArray) -> BoolA
 
 def alike(gamma: FloatArray, before: FloatArray, neutral: int) -> bool:
     """The same of two, (n, n)."""
-    return bool(all_alike(gamma[None], before[None], np.array([neutral]))[0])
+    return bool(all_alike(gamma[None], before[None], np.array([neutral]), np.array([SOFT]))[0])
 
 
 def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:

@@ -78,6 +78,7 @@ class Correct:
         tolerance: Largest residual [1/m].
         left: Integrations that it may take.
         any_contraction: Whether steps may become shorter slowly.
+        aside: Whether what is missing along these modes may be left.
     """
 
     unknowns: FloatArray
@@ -86,6 +87,7 @@ class Correct:
     tolerance: float
     left: int
     any_contraction: bool = False
+    aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,7 @@ class Trace:
         longest: No step is longer.
         most: Steps allowed.
         origin: The point of bifurcation from which it leaves another branch, if it does.
+        aside: As ``Correct`` has it.
     """
 
     start: Point
@@ -113,6 +116,7 @@ class Trace:
     longest: float
     most: int
     origin: Point | None = None
+    aside: bool = False
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,24 @@ import numpy as np
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION
-from multirod.solvers.following.descent import Point, Slope, Unfit, slope_at
+from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit, slope_at
 from multirod.solvers.following.many import alike
-from multirod.solvers.following.requests import At, Correct, Descend, Judge, Run, Trace, Weigh
+from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Run, Trace, Weigh
+from multirod.solvers.following.valley import FIRST, LONGEST, by_residuals, by_turns, down_valley, in_valley
 from multirod.status import Status
 from multirod.validation import FloatArray
 
 OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step beyond a critical point
 NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
 POLISHED = 1e-2  # of the unknowns at the end of the way, by which other equations may move it slowly
+CLAMPED_STEPS = 400  # of a descent by the turns of clamps
+RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
+SHORTEST_CLAMPED = 1e-4  # part of it
+MISSED = 0.2  # part of a step, by which it may have been wrong
+OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
+ALONG_VALLEY = 20  # steps along a valley, after which it is followed
+HARDLY = 1e-3  # of K/L: a mode that is softer is let go on the way, and comes down its valley at the end
+NEAR, WIDE = 1e-3, 0.1  # of the unknowns: the first step along a valley, and the longest
 # turns along a neutral mode, where it is still neutral if symmetry makes it so: the less, the less it is bent [rad]
 ASIDE = (0.05, 0.005)
 
@@ -71,6 +80,8 @@ class Walk:
     left: Point | None = None  # where it has just left a branch, at the end of the way
     within: float = 0.0  # largest residual where a descent ends [1/m]
     lost: Point | None = None  # where rounding hides how it goes on
+    hardly: int = 0  # modes in which hardly anything holds what it has come down a valley to: 1, or none
+    valley: bool = False  # whether it has come to one
 
     def __post_init__(self) -> None:
         self.events: list[BranchEvent] = []
@@ -158,7 +169,30 @@ class Walk:
     def _along(self, start: Point, neutral: int, origin: Point | None = None) -> Run:
         """The last point on the branch through one, of level 1 if it leads there; ``origin`` is where it left another."""
         ways = self._overshoot(start), self.safe_step, self.most_step, self.max_steps
-        return (yield from self._ask(Trace(start, neutral, self.tolerance, self._left, *ways, origin))).point
+        aside = self.hardly > neutral
+        count = max(neutral, self.hardly)
+        return (yield from self._ask(Trace(start, count, self.tolerance, self._left, *ways, origin, aside))).point
+
+    def _let_down(self, point: Point) -> Run:
+        """(13) The equilibrium to which the valley leads in which a point is; None where none was found."""
+        self._count()
+        clamped = yield Clamp(point.unknowns, point.level)
+        slope = None if clamped is None else self._slope_or_none(clamped)
+        if slope is None:
+            return None
+        floor = by_turns(self._at, point.level, slope.facing)
+        landed = yield from down_valley(floor, clamped.unknowns, FIRST, LONGEST, self.tolerance)
+        return None if landed is None else (yield from self._levelled(landed.unknowns[: len(self.start)], point.level))
+
+    def _levelled(self, unknowns: FloatArray, level: float) -> Run:
+        """(13) The equilibrium without clamps beside unknowns in a valley, near its lowest place."""
+
+        def correct(unknowns: FloatArray) -> Run:
+            answer = yield from self._ask(Correct(unknowns, level, 1, self.tolerance, self._left, aside=True))
+            return answer.point
+
+        size = float(np.linalg.norm(unknowns))
+        return (yield from down_valley(by_residuals(correct), unknowns, NEAR * size, WIDE * size, self.tolerance))
 
     def _released(self, point: Point, neutral: int) -> Run:
         """The end of the way from a point next to it, where symmetry leaves modes neutral there that rounded kinks held until
@@ -190,3 +224,39 @@ class Walk:
         found, contraction = yield from self._correct(unknowns, 1.0, neutral, any_contraction=True)
         slow = found is not None and contraction > CONTRACTION
         return None if slow and np.linalg.norm(found.unknowns - unknowns) > POLISHED * np.linalg.norm(unknowns) else found
+
+    # ---- down in energy ----
+
+    def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
+        """The same by the turns of clamps: in steps that (9) says are short enough, as ends that are held bend the way."""
+        radius, share, along = RADIUS, 1.0, 0
+        turn = slope.modes.T @ first if first.any() else slope.turn(RADIUS)
+        for k in range(CLAMPED_STEPS):
+            step = share * (slope.back + slope.change(slope.modes @ turn))
+            trial = yield from self._at(point.unknowns + step, point.level)
+            self.iterations += 1
+            found, longest = self._slope_or_none(trial), share * float(np.abs(turn).max())
+            off = np.inf if found is None or found.facing != slope.facing else slope.missed(share * turn, found)
+            allowed = max(MISSED * longest, OFF * max(1.0, slope.drive))
+            kicked = k > 0 and bool(first.any())
+            rises = kicked and found is not None and slope.rises(turn, found)
+            along += in_valley(slope, turn)
+            if along > ALONG_VALLEY and not self.valley:
+                self.valley = True  # it bends, which (4) knows nothing of
+                floor = by_turns(self._at, point.level, slope.facing)
+                landed = yield from down_valley(floor, point.unknowns, FIRST, LONGEST, self.within)
+                if landed is not None:
+                    self.hardly = int(abs(self._slope(landed).values[0]) < HARDLY)
+                    return landed
+            if not off <= allowed or rises:
+                share *= 0.5
+                if share < SHORTEST_CLAMPED:
+                    return None
+                continue
+            assert found is not None  # or it would be infinitely far off
+            point, slope = trial, found
+            if point.size <= self.within and slope.values[0] >= -SOFT:
+                return point
+            radius = min(RADIUS_CLAMPED, share * radius * (2 if off < 0.5 * allowed else 1))
+            share, turn = 1.0, slope.turn(radius)
+        return None
