@@ -86,12 +86,13 @@ def integration(robot: mr.ConcentricTubes | mr.SingleRod, *, enabled: tuple[str,
 
 
 def cold_start(robot: mr.ConcentricTubes, batch: int, **loads: Any) -> Callable[[], float]:
-    """Microseconds of processor time a robot of ``mr.solve`` without a guess."""
+    """Microseconds of processor time a robot of ``mr.solve`` without a guess, on one thread as the C loop is: two threads of one
+    core slow each other down."""
     inputs = scattered(robot, batch, **loads)
 
     def measure() -> float:
         begin = process_time()
-        solution = mr.solve(robot, inputs, solver=mr.Shooting(integrator=INTEGRATOR))
+        solution = mr.solve(robot, inputs, solver=mr.Shooting(integrator=INTEGRATOR), threads=1)
         result = 1e6 * (process_time() - begin) / batch
         solution.raise_if_failed()
         return result
