@@ -70,13 +70,13 @@ def test_nodes_are_as_close_as_the_load_asks_for():
     ("rods", "steps", "segments", "nodes"),
     [
         (1, 50, 12.0, 26),  # where two steps end
-        (3, 50, 12.0, 15),  # fewer, and their own ends are no multiple of a step either
+        (3, 50, 12.0, 17),  # fewer, and their own ends are no multiple of a step either
         (3, 50, 8.5, 11),
-        (3, 50, 20.0, 25),
+        (3, 50, 20.0, 26),
         (1, 53, 12.0, 54),
-        (3, 53, 12.0, 15),
-        (1, None, 12.0, 15),
-        (3, None, 12.0, 15),
+        (3, 53, 12.0, 17),
+        (1, None, 12.0, 17),
+        (3, None, 12.0, 17),
     ],
 )
 def test_no_more_nodes_than_that_where_steps_are_equal(rods, steps, segments, nodes):

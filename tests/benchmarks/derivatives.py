@@ -101,7 +101,7 @@ def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[s
             "solve": lambda: mr.solve(robot, inputs, solver=SOLVER),
         }
     )
-    assert sample.columns is not None
+    assert sample._columns is not None
     print(f"\n{name}")
     row("an integration with Gamma and the pose's columns", cost["integration"])
     row(f"the same with {count} columns by {', '.join(design)}", cost["designed"], integrations=cost["integration"])

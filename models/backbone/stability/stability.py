@@ -209,11 +209,9 @@ class BackboneStability(StabilityAnalysis):
 
     def _nodes(self, segments: FloatArray) -> NDArray[np.int_]:
         """Numbers of nodes for more than so many segments, evenly spaced: where some number of equal steps ends, if that can be;
-        else a quarter more than the last choice at most, as well for several rods, which end steps themselves, where these are
-        fewer."""
+        else one more than a power of two, as well for several rods, which end steps themselves, where these are fewer."""
         fewest = np.maximum(segments + 1e-6, FEWEST_NODES - 1)
-        quarter = 2.0 ** (np.floor(np.log2(fewest)) - 2)  # of an octave: few choices, so that instances go together
-        result = (np.ceil(fewest / quarter) * quarter).astype(int)
+        result = 2 ** np.ceil(np.log2(fewest)).astype(int)
         steps = self.problem.integrator.steps
         if steps is not None:
             parts = _divisors(steps)
