@@ -487,6 +487,11 @@ NETWORK_MISTAKES = {
     "no such body": ('to = "plate"', 'to = "plat"', r"joints\[1\]\.to = 'plat' .*'ground', 'plate'; did you mean 'plate'"),
     "no such kind": ('"clamped"', '"Joint"', r"joints\[1\]: Joint\.kind = 'Joint' .*'clamped', 'revolute'"),
     "a spring of a clamped joint": ('kind = "clamped"', "stiffness = 1", r"joints\[1\]: Joint\.stiffness = 1 .*no axis"),
+    "an axis of a joint that has none": (
+        'kind = "clamped"',
+        "axis = [0, 0, 1]",
+        r"joints\[1\]: Joint\.axis = \[0, 0, 1\] is not allowed: must not be given: a clamped joint has none",
+    ),
     "no such rod": ('rod = "leg"', 'rod = "log"', r"Network\.joints = Joint\('log'.*no rod 'log'; did you mean 'leg'"),
     "unknown key": ('end = "base"', 'ends = "base"', r"joints\[0\]\.ends = 'base' .*Joint takes rod, end, to"),
     "something missing": ('end = "base"\n', "", r"joints\[0\]\.end is not there: Joint needs end"),
@@ -506,6 +511,30 @@ def test_mistakes_in_the_file_of_a_network_are_named_with_their_place(name, tmp_
     (tmp_path / "robot.toml").write_text(NETWORK.replace(before, after, 1))
     with pytest.raises(ValueError, match=rf"robot\.toml: .*{message}"):
         mr.load(tmp_path / "robot.toml")
+
+
+ROD_TABLE = """
+length = 0.3
+bending_stiffness = 4e-3
+torsional_stiffness = 3e-3
+"""
+POSES = "[" + ", ".join(["[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"] * 2) + "]"
+AXES_OF_NONE = {
+    "HeldRod.joint_axis": f'kind = "HeldRod"\njoint = "spherical"\njoint_axis = [0, 0, 1]\n[rod]{ROD_TABLE}',
+    "HeldRod.base_joint_axis": f'kind = "HeldRod"\nbase_joint_axis = [0, 0, 1]\n[rod]{ROD_TABLE}',
+    "ParallelRods.joint_axes": f'kind = "ParallelRods"\nbase = {POSES}\nplatform = {POSES}\njoint_axes = [0, 0, 1]\n'
+    + 2 * f"[[legs]]{ROD_TABLE}",
+}
+
+
+@pytest.mark.parametrize("field", AXES_OF_NONE)
+def test_an_axis_in_a_file_whose_joint_has_none_is_named_and_without_it_the_file_is_read(field, tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(AXES_OF_NONE[field])
+    with pytest.raises(ValueError, match=rf"robot\.toml: {field} = \[0, 0, 1\] .*only a 'revolute' joint has an axis"):
+        mr.load(path)
+    path.write_text(AXES_OF_NONE[field].replace(f"{field.partition('.')[2]} = [0, 0, 1]\n", ""))
+    assert type(mr.load(path)).__name__ == field.partition(".")[0]
 
 
 def reread(solution, folder):
