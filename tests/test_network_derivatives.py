@@ -1,14 +1,13 @@
 """Derivatives of networks by the numbers of their rods, where their joints are and where the ground is, against differences of
 sixth order (``docs/derivatives.md``)."""
 
-from copy import copy
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from test_network_rods import at
 
 import multirod as mr
+from multirod.read_only import changed
 
 NODES, WEIGHTS = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60  # a derivative, error O(h^6)
 STEPS = mr.RK4(30)
@@ -146,9 +145,7 @@ def joints_moved(robot, direction, step):
         poses = np.tile(joint.pose, (len(NODES), 1, 1))
         poses[:, :3, :3] = Rotation.from_rotvec(step * NODES[:, None] * own[3:]).as_matrix() @ poses[:, :3, :3]
         poses[:, :3, 3] += step * NODES[:, None] * own[:3]
-        moved = copy(joint)
-        moved.pose = poses
-        joints.append(moved)
+        joints.append(changed(joint, pose=poses))
     wholes = zip(robot.graph.whole_names, robot.graph.whole, strict=True)
     rods = {name: whole.rods[0] if whole.rod_count == 1 else whole for name, whole in wholes}
     return mr.Network(rods=rods, bodies=robot.bodies, joints=joints, end_effector=robot.end_effector, base=robot.base)
