@@ -145,6 +145,28 @@ def test_other_solvers_find_the_same_equilibrium(pair, solver):
     )
 
 
+@pytest.mark.parametrize("translation", [(0.0, 0.0), (-0.05, 0.0)])
+def test_a_tube_at_the_plate_twists_behind_it_as_it_is_pulled_back(translation):
+    """Its column is that of one side, as it can be pulled back only: against differences of fourth order, of poses alone."""
+    straight, curved = (0.1, (0, 0, 0.8)), (0.12, (9.0, 0, 0))
+    inner = mr.Rod(length=0.32, bending_stiffness=0.01, torsional_stiffness=0.0077, precurvature=[(0.2, (0, 0, 0.5)), curved])
+    outer = mr.Rod(length=0.17, bending_stiffness=0.03, torsional_stiffness=0.023, precurvature=[straight, (0.07, (5.0, 2.0, 0))])
+    robot = mr.ConcentricTubes([inner, outer])
+    solver = mr.Shooting(integrator=mr.RK45(rtol=1e-11, atol=1e-12))
+
+    def solved(back):
+        where = np.array(translation) - back
+        inputs = robot.inputs(rotation=(0.4, -0.9), translation=where, tip_force=(0.3, 0.2, 0.1))
+        return mr.solve(robot, inputs, solver=solver).raise_if_failed()
+
+    found, h = solved(0.0).jacobian("translation")[:3], 1e-4
+    for direction in np.array([(1.0, 0.0), (1.0, 1.0)]):  # which leave the inner tube's base behind the other's
+        tips = [solved(k * h * direction).tip_position for k in range(5)]
+        expected = np.array([25 / 12, -4, 3, -4 / 3, 1 / 4]) @ tips / h
+        # of 1e-12 of a tip over 1e-4, and of the fourth power of that
+        np.testing.assert_allclose(found @ direction, expected, rtol=0, atol=1e-6)
+
+
 def test_a_batch_of_translations_is_bitwise_what_each_is_alone(pair):
     translation = np.array([(-0.15, -0.12), (-0.18, -0.13), (-0.12, -0.1)])
     together = mr.solve(pair, pair.inputs(rotation=(0.3, 1.2), translation=translation))

@@ -147,13 +147,14 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
             b.torques[0] = M[2]
         for i in range(rods.end.shape[1]):
             depth = -call.problem.inputs[case.index, wp.static(TRANSLATION) + i]
-            if depth > f64(0.0):
+            if depth >= f64(0.0):
                 begin = f64(0.0)
                 last = wp.min(section_from(rods, call, case, i, f64(0.0)), rods.end.shape[2] - 1)
                 for m in range(last + 1):
                     end = rods.end[case.rods, i, m]
                     size = wp.min(end, depth) - begin
-                    if size > f64(0.0):
+                    # of a rod whose base is at the plate, what comes behind it as it is pulled back
+                    if size > f64(0.0) or (depth == f64(0.0) and begin == f64(0.0) and end > f64(0.0)):
                         half = f64(0.5) * (end - begin)
                         t = size / half - f64(1.0)
                         GJ_inverse = rods.material[case.rods, i, m, 5]
