@@ -163,13 +163,8 @@ def robot_of(rod: Rod | ConcentricTubes, name: str) -> BackboneAssembly:
 def renamed(robot: BackboneAssembly, name: str) -> BackboneAssembly:
     """The same with rods of that name; several are counted from 0."""
     if robot.rod_count == 1:
-        return robot.with_rods([_named(robot.rods[0], name)])
-    return robot.with_rods([_named(rod, f"{name} {k}") for k, rod in enumerate(robot.rods)])
-
-
-def _named(rod: Rod, name: str) -> Rod:
-    """The same rod by the name that it has in the network."""
-    return changed(rod, name=name)
+        return robot.with_rods([changed(robot.rods[0], name=name)])
+    return robot.with_rods([changed(rod, name=f"{name} {k}") for k, rod in enumerate(robot.rods)])
 
 
 def by_itself(rod: BackboneAssembly, inputs: Inputs, enabled: Iterable[str], **options: Any) -> BackboneProblem:  # noqa: ANN401

@@ -11,7 +11,8 @@ from multirod.tasks.estimating.bounded import Bounds
 from multirod.tasks.estimating.calibrate import Calibration, Fitted
 from multirod.tasks.estimating.estimate import Estimate
 
-OF_ESTIMATE = ("mean", "covariance", "prior", "missing", "misfit", "degrees", "rejected")  # arrays that it is made of
+ARRAYS = {name: name for name in ("missing", "misfit", "degrees", "rejected")}  # of an estimate, and where it has them
+ARRAYS |= {name: f"_{name}" for name in ("mean", "covariance", "prior")}
 
 
 def table_of_estimate(result: Estimate[Any]) -> dict[str, Any]:
@@ -20,12 +21,10 @@ def table_of_estimate(result: Estimate[Any]) -> dict[str, Any]:
     Raises:
         ValueError: If the robot or the integrator is of a class of another package.
     """
-    own = {"mean": result._mean, "covariance": result._covariance, "prior": result._prior}
-    arrays = {name: np.asarray(own[name] if name in own else getattr(result, name)) for name in OF_ESTIMATE}
     return {
         "solution": table_of_result(result.solution),
         "places": {name: [place.start, place.stop] for name, place in result._places.items()},
-        **arrays,
+        **{name: np.asarray(getattr(result, place)) for name, place in ARRAYS.items()},
         "dropped": result.dropped,
         "limits": table_of_limits(result._bounds.rows),
         "unit": result._bounds.unit,
@@ -40,7 +39,7 @@ def estimate_from(table: Mapping[str, Any], where: str) -> Estimate[Any]:
     """
     solution = result_from(table["solution"], f"{where}solution.")
     places = {name: slice(*ends) for name, ends in table["places"].items()}
-    arrays = {name: table[name] for name in OF_ESTIMATE}
+    arrays = {name: table[name] for name in ARRAYS}
     count = max((place.stop for place in places.values()), default=0)
     if arrays["mean"].shape != (*solution.batch_shape, count):
         raise ValueError(
@@ -56,9 +55,8 @@ def table_of_calibration(result: Calibration[Any]) -> dict[str, Any]:
     Raises:
         ValueError: As ``table_of_estimate``.
     """
-    own = vars(result._found)
     return {
-        **own,
+        **vars(result._found),
         "solution": table_of_result(result.solution),
         "places": [[name, place.start, place.stop] for name, place in result._found.places.items()],
         "status": int(result.status),

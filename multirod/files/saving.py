@@ -54,12 +54,12 @@ def save_result(path: str | os.PathLike[str], solution: Solution, options: Mappi
 
 def save_estimate(path: str | os.PathLike[str], result: Estimate[Any]) -> None:
     """See ``Estimate.save``."""
-    archive.write(file_path("save.path", path, ".npz"), {**_version(), "kind": "Estimate", **table_of_estimate(result)})
+    _archive(file_path("save.path", path, ".npz"), "Estimate", table_of_estimate(result))
 
 
 def save_calibration(path: str | os.PathLike[str], result: Calibration[Any]) -> None:
     """See ``Calibration.save``."""
-    archive.write(file_path("save.path", path, ".npz"), {**_version(), "kind": "Calibration", **table_of_calibration(result)})
+    _archive(file_path("save.path", path, ".npz"), "Calibration", table_of_calibration(result))
 
 
 def save_robot(path: str | os.PathLike[str], robot: Assembly) -> None:
@@ -105,8 +105,11 @@ def _version() -> dict[str, Any]:
 
 
 def _npz(path: Path, solution: Solution) -> None:
-    kind = "History" if isinstance(solution, History) else "Solution"
-    archive.write(path, {**_version(), "kind": kind, **table_of_result(solution)})
+    _archive(path, "History" if isinstance(solution, History) else "Solution", table_of_result(solution))
+
+
+def _archive(path: Path, kind: str, table: dict[str, Any]) -> None:
+    archive.write(path, {**_version(), "kind": kind, **table})
 
 
 def _recording(path: Path, history: History, **options: Unpack[RecordingOptions]) -> None:

@@ -70,43 +70,43 @@ def follow(
     chosen, potential = chosen & (reached < 1), stability.has_potential
     segmented = problem.segments is not None and bool(chosen.any())
     singular = SINGULAR * problem.natural_singular_value if segmented else np.full(problem.instance_count, np.inf)
+
+    def walked(own: IntArray, left: NDArray[np.integer[Any]], times: int = 1) -> list[Journey]:
+        # where branches end, the error of the integration moves what it finds the most
+        part = parts.followed(own, times)
+        start = None if before is None else before[own]
+        safe, most = np.ones(len(own)), np.ones(len(own))
+        if start is None:
+            safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300)
+        else:
+            most = TURN / np.maximum(part.turning(start), 1e-300)
+        clamped = partial(parts.clamped, own, PIECES, times) if parts.may_be_clamped else None
+        together = _Together(part, start, clamped)
+        journeys = [
+            Journey(
+                np.array(unknowns[place]),
+                float(reached[place]),
+                float(tolerance[place]),
+                int(left[k]),
+                float(safe[k]),
+                float(most[k]),
+                max_steps,
+                side,
+                before is not None,
+                together.tip is not None,
+                together.tip is not None and (problem.joints is None or clamped is None),
+                stability.multistable and before is None,
+                NOISY if segmented else np.inf,
+                float(singular[place]),
+                bool(potential[place]),
+                times * parts.steps_followed(own),
+            )
+            for k, place in enumerate(own)
+        ]
+        together.run([journey.run() for journey in journeys])
+        return journeys
+
     for places in (some for kind in parts.kinds(np.flatnonzero(chosen)) for some in _split(kind)):
-
-        def walked(own: IntArray, left: NDArray[np.integer[Any]], times: int = 1) -> list[Journey]:
-            # where branches end, the error of the integration moves what it finds the most
-            part = parts.followed(own, times)
-            start = None if before is None else before[own]
-            safe, most = np.ones(len(own)), np.ones(len(own))
-            if start is None:
-                safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300)
-            else:
-                most = TURN / np.maximum(part.turning(start), 1e-300)
-            clamped = partial(parts.clamped, own, PIECES, times) if parts.may_be_clamped else None
-            together = _Together(part, start, clamped)
-            journeys = [
-                Journey(
-                    np.array(unknowns[place]),
-                    float(reached[place]),
-                    float(tolerance[place]),
-                    int(left[k]),
-                    float(safe[k]),
-                    float(most[k]),
-                    max_steps,
-                    side,
-                    before is not None,
-                    together.tip is not None,
-                    together.tip is not None and (problem.joints is None or clamped is None),
-                    stability.multistable and before is None,
-                    NOISY if segmented else np.inf,
-                    float(singular[place]),
-                    bool(potential[place]),
-                    times * parts.steps_followed(own),
-                )
-                for k, place in enumerate(own)
-            ]
-            together.run([journey.run() for journey in journeys])
-            return journeys
-
         journeys = walked(places, allowed[places])
         # the error of the integration may be steeper than the floor of a valley
         again = [k for k, own in enumerate(journeys) if own.valley and own.end is None and own.steps]

@@ -76,8 +76,8 @@ def correct(server: Server, asked: dict[int, Correct]) -> dict[int, Answer]:
         np.array([one.neutral for one in all_]),
         np.array([one.tolerance for one in all_]),
         np.array([one.left for one in all_]),
-        np.array([one.any_contraction for one in all_]),
         np.array([one.aside for one in all_]),
+        np.array([one.any_contraction for one in all_]),
     )
     answers = {}
     for i, place in enumerate(places.tolist()):
@@ -95,8 +95,8 @@ def _correct(
     neutral: IntArray,
     tolerance: FloatArray,
     left: IntArray,
+    aside: BoolArray,
     any_contraction: BoolArray | bool = False,
-    aside: BoolArray | None = None,
 ) -> _Corrections:
     """(7) Newton's method, without steps along ``neutral`` modes, and ``aside`` from what is missing along these; the first axis
     of all is the instance."""
@@ -114,7 +114,7 @@ def _correct(
         residual, gamma, over = server.evaluate(places[now], unknowns[now], level[now])
         result.integrations[now] += 1
         result.spent[now] = over
-        largest = np.abs(residual if aside is None else _across(residual, gamma, neutral[now] * aside[now])).max(axis=1)
+        largest = np.abs(_across(residual, gamma, neutral[now] * aside[now])).max(axis=1)
         sound = np.isfinite(largest) & np.isfinite(gamma).all(axis=(1, 2)) & ~over
         # one step at least, as what is within the tolerance by chance tells the next step along the branch nothing
         there = sound & (largest <= (tolerance[now] if k else POLISHED * tolerance[now]))
@@ -230,8 +230,8 @@ class _Traces:
         goal = np.minimum(1.0, last + self.steps[now])
         expected = self._extrapolated(now, goal)
         left = self.left[now] - self.integrations[now]
-        more = self.neutral[now], self.tolerance[now], left
-        found = _correct(self.server, self.places[now], expected, goal, *more, aside=self.aside[now])
+        more = self.neutral[now], self.tolerance[now], left, self.aside[now]
+        found = _correct(self.server, self.places[now], expected, goal, *more)
         self.integrations[now] += found.integrations
         self.spent[now] = found.spent
         same = found.there & (found.contraction <= CONTRACTION)

@@ -84,8 +84,6 @@ class Calibration(Generic[Robot_co]):
         self.iterations, self.integrations = found.iterations, found.integrations
         self.missing: NDArray[np.bool_] = frozen(found.missing)
         self.misfit, self.degrees = found.misfit, found.degrees
-        self._places, self._prior = found.places, found.prior
-        self._values, self._covariance = found.values, found.covariance
 
     @property
     def failed(self) -> bool:
@@ -99,12 +97,12 @@ class Calibration(Generic[Robot_co]):
 
     def value(self, name: Key) -> FloatArray:
         """The numbers of a parameter, shape (k,): of stiffnesses over what they were."""
-        return np.asarray(frozen(self._values[self._place(name)]))
+        return np.asarray(frozen(self._found.values[self._place(name)]))
 
     def covariance(self, name: Key | None = None) -> FloatArray:
         """(6) Theirs, shape (k, k); without a name, of all; infinite, and NaN beside, where nothing determines a number."""
         place = slice(None) if name is None else self._place(name)
-        return np.asarray(frozen(self._covariance[place, place]))
+        return np.asarray(frozen(self._found.covariance[place, place]))
 
     def sigma(self, name: Key) -> FloatArray:
         """Standard deviations, shape (k,)."""
@@ -113,8 +111,8 @@ class Calibration(Generic[Robot_co]):
     @property
     def observable(self) -> dict[Key, NDArray[np.bool_]]:
         """Whether the measurements say more of each number than its prior does, (k,) by name."""
-        part = kept(self._covariance, self._prior)
-        return {name: np.asarray(frozen(part[place] <= SEEN)) for name, place in self._places.items()}
+        part = kept(self._found.covariance, self._found.prior)
+        return {name: np.asarray(frozen(part[place] <= SEEN)) for name, place in self._found.places.items()}
 
     def raise_if_failed(self) -> Self:
         """Return ``self`` if there is a result.
@@ -146,19 +144,19 @@ class Calibration(Generic[Robot_co]):
         save_calibration(path, self)
 
     def _place(self, name: Key) -> slice:
-        if name not in self._places:
-            refuse("name", name, f"must be one of {', '.join(map(repr, self._places))}")
-        return self._places[name]
+        if name not in self._found.places:
+            refuse("name", name, f"must be one of {', '.join(map(repr, self._found.places))}")
+        return self._found.places[name]
 
     def __repr__(self) -> str:
         if self.failed:
             return f"Calibration({self.status.name}: {self._why})"
         seen = np.concatenate([self.observable[name] for name in self.parameters])
-        sigma = np.sqrt(np.diagonal(self._covariance))
+        sigma = np.sqrt(np.diagonal(self._found.covariance))
         width = max(map(len, self.labels))
         lines = [
             f"  {label:<{width}}{value:>12.6g} +- {spread:.2g}{'' if own else '  (unobservable)'}"
-            for label, value, spread, own in zip(self.labels, self._values, sigma, seen, strict=True)
+            for label, value, spread, own in zip(self.labels, self._found.values, sigma, seen, strict=True)
         ]
         head = f"Calibration({self.status.name}, misfit {self.misfit:.4g} of {self.degrees})"
         doubt = [] if self.consistent else [f"  {inconsistent(self.misfit, self.degrees)}"]

@@ -154,7 +154,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
                     end = rods.end[case.rods, i, m]
                     size = wp.min(end, depth) - begin
                     # of a rod whose base is at the plate, what comes behind it as it is pulled back
-                    if size > f64(0.0) or (depth == f64(0.0) and begin == f64(0.0) and end > f64(0.0)):
+                    if size > f64(0.0) or (depth == f64(0.0) and m == last):
                         half = f64(0.5) * (end - begin)
                         t = size / half - f64(1.0)
                         GJ_inverse = rods.material[case.rods, i, m, 5]
