@@ -110,6 +110,20 @@ def test_lengths_are_what_is_left_of_those_at_rest(solution: mr.Solution) -> Non
     np.testing.assert_allclose(ROBOT.rods[0].lines[2].length_at_rest(ROBOT.rods[0].sections), rest[2], rtol=1e-11)
 
 
+def test_a_length_at_rest_is_that_of_the_route_in_each_section() -> None:
+    # bent by 3 per metre, and from a kink within the second section on by 20 per square metre
+    stiffness = {"bending_stiffness": EI, "torsional_stiffness": GJ}
+    rod = mr.Rod(
+        sections=[
+            mr.Section(length=0.08, precurvature=(0, 3, 0), **stiffness),
+            mr.Section(length=0.12, precurvature=lambda s: (0, 20 * max(0.0, s - 0.0467), 0), **stiffness),
+        ],
+        lines=[mr.Tendon(offset=(0.006, 0), driven="displacement")],
+    )
+    exact = 0.2 - 0.006 * (3 * 0.08 + 20 * (0.12 - 0.0467) ** 2 / 2)
+    np.testing.assert_allclose(rod.lines[0].length_at_rest(rod.sections), exact, atol=1e-13)
+
+
 def test_a_rest_length_is_that_without_tension() -> None:
     def robot(**more) -> mr.SingleRod:
         line = mr.Tendon(offset=(R, 0), driven="displacement", axial_stiffness=40.0, **more)

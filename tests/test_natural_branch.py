@@ -201,6 +201,23 @@ def test_bounds_hold_for_the_worst_configuration(kind):
         assert bounds[k, 0] < 2.5 * first  # a bound of use
 
 
+@pytest.mark.parametrize(
+    ("along", "at_the_tip"),
+    [({"distributed_force": (0, 0, 0.3)}, 0.3 * 2.0), ({"gravity": (0, 0, -9.0)}, 9.0 * (0.01 + 0.02) * 2.0)],
+)
+def test_bounds_take_dead_loads_along_tubes_for_no_less_than_they_are(along, at_the_tip):
+    # their sum is what tubes of 2 m carry at the base: a tip force of that size is bounded alike
+    rods = [
+        mr.Rod(length=2.0, bending_stiffness=0.05, torsional_stiffness=0.04, precurvature=(1.5, 0, 0), linear_density=density)
+        for density in (0.01, 0.02)
+    ]
+    robot = mr.ConcentricTubes(rods)
+    given = (along, {"tip_force": (0, 0, at_the_tip)}, {})
+    bounds = [robot.problem(robot.inputs(**own), integrator=mr.RK4(20)).mode_bounds()[0] for own in given]
+    np.testing.assert_allclose(bounds[0], bounds[1], rtol=1e-12)
+    assert (bounds[0] > bounds[2]).all()
+
+
 @pytest.mark.parametrize("kind", ["two tubes", "three tubes, tip force"])
 def test_bounds_are_bitwise_those_of_each_alone(kind):
     robot, inputs = study.draw(kind, 60, 3)
