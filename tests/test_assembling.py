@@ -34,13 +34,18 @@ def test_robots_that_the_first_search_loses(number, status):
 
 # clamped legs at their folds: one follows a moment, which rounding hid; one takes 1,600 steps in loads; one snaps while its legs
 # are joined, beside which other equations move what is soft slowly
-@pytest.mark.parametrize(("number", "judged"), [(56, False), (164, True), (266, True)])
-def test_many_stiff_legs(number, judged):
+@pytest.mark.parametrize(("number", "judged", "snaps"), [(56, False, 0), (164, True, 0), (266, True, 1)])
+def test_many_stiff_legs(number, judged, snaps):
     drawn = draw(number, 91, 12, 5.0)
     solution = mr.solve(drawn.robot, drawn.inputs)
     assert not solution.failed
     assert (solution.stability == mr.Stability.STABLE) == judged  # nobody knows it of a moment that has no potential
     assert violation(drawn, solution) <= 1e-6  # as above
+    snapped = [event for event in solution.events if event.status is mr.Status.SNAPPED and event.load_factor == 0]
+    assert len(snapped) == snaps
+    for event in snapped:
+        assert np.isnan(event.energy_lost)  # what joints that give way store is in no potential
+        assert "SNAPPED at a fold, load factor 0, as joints were closed, tip moved" in str(event)
 
 
 def test_damped_dynamics_do_not_end_where_loads_drive_a_mode_away():

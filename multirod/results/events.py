@@ -23,7 +23,7 @@ class BranchEvent:
         progress: Part of the way from the inputs of the last sample that has a result; NaN where loads are raised.
         time: In a history, when that was, as inputs change evenly between samples [s]; else NaN.
         energy_lost: Potential energy of the equilibrium that was left, less that of the one it came to, at the same inputs [J]:
-            0 at a bifurcation.
+            0 at a bifurcation, else NaN while joints are closed, before any load acts (load factor 0).
         tip_displacement: Of the end effector, from the one to the other, in the world [m], shape (3,); at a bifurcation, the
             unit vector along which it begins to move, (5) of ``docs/branches.md``; zero if that is held.
         rod_displacement: At a bifurcation where that is held, the unit vector in the world along which the place of a rod that
@@ -61,7 +61,8 @@ class BranchEvent:
             if self.rod_displacement.any():
                 return f"{what}, rod along {_components(self.rod_displacement)}, its twin against it"
             return what
-        return f"{what}, {self.energy_lost:.3g} J lost, tip moved {np.linalg.norm(self.tip_displacement):.3g} m"
+        lost = "as joints were closed" if np.isnan(self.energy_lost) else f"{self.energy_lost:.3g} J lost"
+        return f"{what}, {lost}, tip moved {np.linalg.norm(self.tip_displacement):.3g} m"
 
 
 def _components(direction: FloatArray) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading
 from multirod.problem import BoundaryProblem
-from multirod.results.events import placed_events
+from multirod.results.events import BranchEvent, placed_events
 from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import SAFE_LOAD, Paths
 from multirod.solvers.newton.iteration import Newton
@@ -91,7 +91,7 @@ def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int, go_on: Go
         go_on(problem, newton, loaded)
     status = np.where(whole, loaded.status, closed.status)
     whole = ~failures(status)
-    events = {k: tuple(replace(event, load_factor=0.0) for event in own) for k, own in closed.events.items() if whole[k]}
+    events = {k: tuple(map(_on_closing, own)) for k, own in closed.events.items() if whole[k]}
     for k, own in loaded.events.items():
         events[k] = (*events.get(k, ()), *own)
     for k, own in events.items():
@@ -104,6 +104,11 @@ def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int, go_on: Go
     result = Outcome(status, closed.iterations + loaded.iterations, integrations, reached=closed.reached)
     result.events |= {k: own for k, own in events.items() if not Status(int(status[k])).failed}
     return result
+
+
+def _on_closing(event: BranchEvent) -> BranchEvent:
+    """As it happened while joints were closed, which give way until they are: what they store is in no potential."""
+    return replace(event, load_factor=0.0, energy_lost=0.0 if event.status is Status.BIFURCATED else np.nan)
 
 
 def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray) -> Outcome:
