@@ -21,12 +21,12 @@ jax: Any = optional("jax", "jax", "functions of JAX")
 class Function:
     """A function of JAX: ``function(rotation=..., tip_force=..., precurvature=...)``, values by name.
 
-    Values are those of ``robot.inputs(...)``, and the numbers of sections ``precurvature``, shape (..., rod_count, section_count,
-    3), ``bending_stiffness`` (..., rod_count, section_count, 2), ``torsional_stiffness`` and ``length`` (..., rod_count,
-    section_count), with anything for sections that a rod has not. Leading axes broadcast, and are a batch that is solved
-    together; so is what ``vmap`` maps over. Derivatives are exact ones of first order, forward and reverse, and by the values
-    alone by which they are asked for. All is computed in double precision, whatever JAX holds it in: 32 bits unless
-    ``jax_enable_x64`` is set.
+    Values are those of ``robot.inputs(...)``, and the numbers of sections ``precurvature``, ``foundation`` and ``magnetisation``,
+    shape (..., rod_count, section_count, 3), ``bending_stiffness`` (..., rod_count, section_count, 2), ``torsional_stiffness``
+    and ``length`` (..., rod_count, section_count), with anything for sections that a rod has not. Leading axes broadcast, and are
+    a batch that is solved together; so is what ``vmap`` maps over. Derivatives are exact ones of first order, forward and
+    reverse, and by the values alone by which they are asked for. All is computed in double precision, whatever JAX holds it in:
+    32 bits unless ``jax_enable_x64`` is set.
 
     An instance that has no result is NaN, and so are its derivatives, whatever weight a loss gives it; ``status`` says why. The
     others are bitwise what they are alone. Of values that a batch shares, take ``vmap(grad(loss))`` and the mean of what is no

@@ -166,7 +166,9 @@ class ShowOptions(RecordingOptions, total=False):
     """Of the viewer [px]."""
 
 
-Parameter: TypeAlias = Literal["precurvature", "bending_stiffness", "torsional_stiffness", "length", "base", "platform"]
+Parameter: TypeAlias = Literal[
+    "precurvature", "bending_stiffness", "torsional_stiffness", "length", "foundation", "magnetisation", "base", "platform"
+]
 """Of robots, by which ``Solution.jacobian`` differentiates, beside inputs."""
 
 Quantity: TypeAlias = Literal["shape", "curvature", "moment", "force", "strain", "tension"]

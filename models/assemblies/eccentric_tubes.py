@@ -11,6 +11,7 @@ from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import refuse_behind_plate
 from multirod.models.assemblies.inputs import EccentricTubesInput, EccentricTubesInputs, listed
 from multirod.models.backbone.assembly import BackboneAssembly
+from multirod.models.backbone.derivatives.designs import BY_LOAD
 from multirod.models.backbone.inputs import BY_MATERIAL, TUBE_INPUTS
 from multirod.rod import Rod, RodArrays, lower
 from multirod.types import Numbers
@@ -91,6 +92,10 @@ class EccentricTubes(BackboneAssembly):
     @cached_property
     def arrays(self) -> RodArrays:  # noqa: D102
         return lower(self.rods, self.offsets)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:  # noqa: D102
+        return tuple(name for name in super().parameters if name not in BY_LOAD)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         refuse_behind_plate(inputs, self.rods)

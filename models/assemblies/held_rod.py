@@ -12,7 +12,7 @@ from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import RK45, Integrator
 from multirod.models.assemblies.inputs import HeldRodInput, HeldRodInputs, listed
 from multirod.models.assemblies.single_rod import SingleRod
-from multirod.models.backbone.derivatives.designs import COMPONENTS, parameter_size
+from multirod.models.backbone.derivatives.designs import AROUND, COMPONENTS, parameter_size
 from multirod.models.backbone.inputs import DRIVE_INPUTS, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
@@ -150,7 +150,7 @@ class HeldRod(Assembly):
 
     @property
     def parameters(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(COMPONENTS)
+        return tuple(name for name in COMPONENTS if name not in AROUND or self.base_joint == "clamped")
 
     def column_count(self, name: str) -> int:  # noqa: D102
         return parameter_size(name, self.rods) if name in COMPONENTS else super().column_count(name)

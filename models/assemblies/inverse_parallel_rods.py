@@ -95,7 +95,7 @@ class InverseParallelRods(Assembly):
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         self.robot.check(inputs)
 
-    def input_directions(self, *names: str) -> dict[str, int]:  # noqa: D102
+    def input_directions(self, *names: str) -> dict[str, Any]:  # noqa: D102
         return self.robot.input_directions(*names)
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102

@@ -30,7 +30,7 @@ from multirod.models.assemblies.network_inputs import (
 )
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.checks import check_drives, surely_driven
-from multirod.models.backbone.derivatives.designs import COMPONENTS, refuse_unknown
+from multirod.models.backbone.derivatives.designs import AROUND, design_options, refuse_unknown
 from multirod.models.backbone.derivatives.ends import ways_back
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
@@ -288,12 +288,12 @@ class Network(Assembly):
 
     @property
     def parameters(self) -> tuple[str, ...]:  # noqa: D102
-        return PARAMETERS
+        return tuple(name for name in PARAMETERS if name not in AROUND or self.graph.embeddable.any())
 
     def column_count(self, name: str) -> int:  # noqa: D102
         return parameter_size(name, self.graph) if name in PARAMETERS else super().column_count(name)
 
-    def input_directions(self, *names: str) -> dict[str, int]:
+    def input_directions(self, *names: str) -> dict[str, Any]:
         """Directions for the derivatives by some inputs and parameters: the numbers of different rods share one."""
         for _, rod, _ in self._each():
             refuse_unknown(names, rod.rods)
@@ -303,8 +303,8 @@ class Network(Assembly):
         if "length" in names and self.graph.slides.springs[0].any():
             raise NotImplementedError("derivatives by length are not known where springs are at holes: rests are lengths too")
         sizes = {spec.name: spec.size(self.rod_count) for spec in self.input_specs}
-        options = {"direction_count": sum(columns.size for columns in columns_of(self.graph, sizes, names))}
-        options |= {"design": True} if any(name in COMPONENTS for name in names) else {}
+        options: dict[str, Any] = {"direction_count": sum(columns.size for columns in columns_of(self.graph, sizes, names))}
+        options |= design_options(names)
         options |= {"placed": True} if "joint_pose" in names or self.graph.alone and "base" in names else {}
         return options | ({"lengths": True} if any(self.graph.drives) else {})
 
@@ -347,6 +347,7 @@ class Network(Assembly):
         robots = [renamed(robot.with_rods(rods[at]), name) for name, robot, at in self._each()]
         all_rods, own = tuple(rod for robot in robots for rod in robot.rods), self.graph
         graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes, self.joints)
+        refuse_around(graph)
         return changed(self, computed=("longest", "stiffest"), rods=all_rods, graph=graph)
 
     def with_base(self, base: FloatArray) -> Self:  # noqa: D102

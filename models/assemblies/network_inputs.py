@@ -143,10 +143,9 @@ def by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> Fl
 
 def refuse_around(graph: Graph) -> None:
     """Refuse rods in a medium or with loads of their own, which go with the frame of their base, where that may move."""
-    counts = np.bincount(graph.slides.owner)
-    for k, owner in enumerate(graph.slides.owner.tolist()):
+    for owner, embeddable in zip(graph.slides.owner.tolist(), graph.embeddable, strict=True):
         robot = graph.whole[owner]
-        if any(rod.is_embedded or rod.loads for rod in robot.rods) and (graph.turning_bases[k] or counts[owner] > 1):
+        if any(rod.is_embedded or rod.loads for rod in robot.rods) and not embeddable:
             refuse(
                 f"Network.rods[{graph.whole_names[owner]!r}]",
                 robot,

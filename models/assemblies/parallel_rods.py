@@ -22,7 +22,7 @@ from multirod.models.assemblies.inputs import (
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.checks import check_drives, surely_driven
-from multirod.models.backbone.derivatives.designs import COMPONENTS, refuse_unknown
+from multirod.models.backbone.derivatives.designs import design_options, refuse_unknown
 from multirod.models.backbone.derivatives.ends import ways_back
 from multirod.models.backbone.influence.bound import Influence, influences
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
@@ -162,18 +162,17 @@ class ParallelRods(Assembly):
     def column_count(self, name: str) -> int:  # noqa: D102
         return parameter_size(name, self.geometry) if name in PARAMETERS else super().column_count(name)
 
-    def input_directions(self, *names: str) -> dict[str, int]:
+    def input_directions(self, *names: str) -> dict[str, Any]:
         """Directions for the derivatives by some inputs: rods of different legs share one, and what acts on the platform touches
         no leg."""
         for leg in self.geometry.legs:
             refuse_unknown(names, leg.rods)
         found = input_columns(self.geometry, names)
-        options = {
+        options: dict[str, Any] = {
             "direction_count": sum(columns.size for columns in found),
             "leg_direction_count": sum(columns.size for columns in found if columns.on_legs),
         }
-        design = {"design": True} if any(name in COMPONENTS for name in names) else {}
-        return options | design | ({"lengths": True} if any(self.geometry.drives) else {})
+        return options | design_options(names) | ({"lengths": True} if any(self.geometry.drives) else {})
 
     def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
         translation = inputs.translation.reshape(-1, self.rod_count)

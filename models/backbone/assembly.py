@@ -11,7 +11,7 @@ from multirod.batch import IntArray, broadcast_shapes, take
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import Integrator
 from multirod.models.backbone.checks import check_drives, check_reach
-from multirod.models.backbone.derivatives.designs import COMPONENTS, PARAMETERS, parameter_size, refuse_unknown
+from multirod.models.backbone.derivatives.designs import PARAMETERS, design_options, parameter_size, refuse_unknown
 from multirod.models.backbone.derivatives.ends import ways_back
 from multirod.models.backbone.influence.bound import Influence, influences
 from multirod.models.backbone.inputs import BACKBONE_INPUTS
@@ -84,8 +84,8 @@ class BackboneAssembly(Assembly):
                 "is a function of arclength"
             )
         refuse_unknown(names, self.rods)
-        design = {"design": True} if any(name in COMPONENTS for name in names) else {}
-        return {**super().input_directions(*names), **({"lengths": True} if drives(self.arrays.members) else {}), **design}
+        lengths = {"lengths": True} if drives(self.arrays.members) else {}
+        return {**super().input_directions(*names), **lengths, **design_options(names)}
 
     @property
     def parameters(self) -> tuple[str, ...]:  # noqa: D102

@@ -60,7 +60,7 @@ class ProblemOptions(TypedDict, total=False):
     pose_sensitivities: bool
     direction_count: int
     lengths: bool
-    design: bool
+    design: Sequence[str]
     enabled: Sequence[str]
     held: bool
     pieces: int
@@ -93,7 +93,7 @@ class BackboneProblem(BoundaryProblem):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         lengths: bool = False,
-        design: bool = False,
+        design: Sequence[str] = (),
         enabled: Sequence[str] = (),
         held: bool = False,
         arrays: RodArrays | None = None,
@@ -115,7 +115,7 @@ class BackboneProblem(BoundaryProblem):
             "pose_sensitivities": pose_sensitivities,
             "direction_count": direction_count,
             "lengths": lengths,
-            "design": design,
+            "design": tuple(design),
             "held": held,
         }
         self.transmission = transmission
@@ -142,7 +142,8 @@ class BackboneProblem(BoundaryProblem):
             device=device,
         )
         if design:
-            width = self.input_count + self.arrays.end[0].size * DesignOffsets(self.arrays.degree + 1).SIZE
+            offsets = DesignOffsets(self.arrays.degree + 1, self.features.loads)
+            width = self.input_count + self.arrays.end[0].size * offsets.SIZE
             self.directions = wp.zeros((self.instance_count, max(direction_count, 1), width), dtype=wp.float64, device=device)
         columns = n + direction_count
         # of lines: what ``lengths`` asks for

@@ -1,6 +1,6 @@
 """Which terms a scene needs: from its rods and inputs to the ``Features`` of its kernels."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 from multirod.inputs import InputSpec
@@ -8,12 +8,14 @@ from multirod.integrators import Integrator
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, CALLED, NOT_TAKEN, TIP_CURVATURE
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.members import drives
+from multirod.models.backbone.kernels.loads.foundation import Foundation
 from multirod.models.backbone.kernels.loads.load import Load
 from multirod.models.backbone.kernels.loads.magnetic import Magnetic
 from multirod.profile import DEGREE
 from multirod.rod import RodArrays
 
 BY_INPUT: tuple[type[Load], ...] = (Magnetic,)  # loads that depend on the configuration, and act where an input does
+BY_NUMBER: tuple[type[Load], ...] = (Foundation,)  # that act by what the rods are, and whose columns are asked for where none do
 
 
 def terms_of(spec: InputSpec) -> tuple[str, ...]:
@@ -39,10 +41,13 @@ def scene_features(
     rod_count: int,
     transmission: bool,
     held: bool = False,
+    design: Sequence[str] = (),
 ) -> Features:
-    """The terms that rods ask for, and inputs by the names of those that act and of those that are functions of arclength."""
+    """The terms that rods ask for, inputs by the names of those that act and of those that are functions of arclength, and
+    numbers of sections by which columns are asked for."""
     acting = set(active)
-    loads = (*(load for load in BY_INPUT if load.input in acting), *arrays.loads)
+    varied = [load for load in BY_NUMBER if load.of_section in design and not any(issubclass(own, load) for own in arrays.loads)]
+    loads = (*(load for load in BY_INPUT if load.input in acting), *varied, *arrays.loads)
     needs = {term: True for name in acting for term in TERMS.get(name, ())}
     needs["force"] = "force" in needs or held or any(load.force for load in loads) or "distributed_force" in profiles
     return Features(
@@ -96,7 +101,7 @@ def problem_features(
     *,
     transmission: bool,
     held: bool,
-    design: bool,
+    design: Sequence[str],
     pose: bool,
     lengths: bool,
     pose_sensitivities: bool,
@@ -104,10 +109,10 @@ def problem_features(
 ) -> Features:
     """The same with what is asked of a problem."""
     rod_count = arrays.end.shape[1]
-    needed = scene_features(arrays, active, profiles, rod_count=rod_count, transmission=transmission, held=held)
+    needed = scene_features(arrays, active, profiles, rod_count=rod_count, transmission=transmission, held=held, design=design)
     lengths = lengths and bool(drives(needed.members))
     features = replace(
-        needed, design=design, pose=pose, lengths=lengths, pose_sensitivities=pose_sensitivities, directions=directions
+        needed, design=bool(design), pose=pose, lengths=lengths, pose_sensitivities=pose_sensitivities, directions=directions
     )
     asked = pose_sensitivities and directions and not design and integrator.precision == "float64"
     # who asks for a derivative of the pose soon asks for the shape or the stability: one kernel says all

@@ -92,8 +92,8 @@ def with_moment(problem: "BackboneProblem", torques: FloatArray) -> FloatArray:
 
 
 def _dead_base_force(problem: "BackboneProblem", unknowns: FloatArray) -> FloatArray:
-    """The base force in curvature units, equation (13), without the follower force, at ``unknowns`` without it."""
-    call = problem.nodes.over(2, unknowns=unknowns, follower_force=False)
+    """The base force in curvature units, equation (13), of dead forces alone, at ``unknowns`` without it."""
+    call = problem.nodes.over(2, unknowns=unknowns, dead=True)
     scale = problem.table.length_scale.numpy() / problem.arrays.material[:, 0, 0, :2].max(axis=-1)
     force = call.read("node_total_force" if problem.features.members else "node_force")
     return np.asarray(force[:, 0] * scale[:, None])

@@ -42,7 +42,7 @@ class HeldOptions(TypedDict, total=False):
     pose_sensitivities: bool
     direction_count: int
     lengths: bool
-    design: bool
+    design: Sequence[str]
     enabled: Sequence[str]
 
 

@@ -54,7 +54,7 @@ class HeldProblem(BoundaryProblem):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         lengths: bool = False,
-        design: bool = False,
+        design: Sequence[str] = (),
         enabled: Sequence[str] = (),
         pieces: int = 1,
     ) -> None:
@@ -103,7 +103,7 @@ class HeldProblem(BoundaryProblem):
         device: str,
         direction_count: int,
         lengths: bool,
-        design: bool,
+        design: Sequence[str],
         enabled: Sequence[str],
         pieces: int,
     ) -> HeldBackbone:

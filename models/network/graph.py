@@ -224,6 +224,12 @@ class Graph:
         return np.asarray((base.frame != GROUND) | (base.table.count > 0))
 
     @property
+    def embeddable(self) -> NDArray[np.bool_]:
+        """Which rods may have a medium around them, or loads of their own, which go with the frame of their base: where that does
+        not move, and they slide through no hole, shape (rod_count,)."""
+        return np.asarray(~self.turning_bases & (np.bincount(self.slides.owner)[self.slides.owner] == 1))
+
+    @property
     def on_fixed(self) -> NDArray[np.bool_]:
         """Which rods have bases on bodies that are fixed, and that inputs may turn, shape (rod_count,)."""
         return np.asarray(self.ends[0].stand > len(self.bodies))

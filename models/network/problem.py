@@ -74,7 +74,7 @@ class NetworkProblem(BoundaryProblem):
         pose_sensitivities: bool = False,
         direction_count: int = 0,
         lengths: bool = False,
-        design: bool = False,
+        design: Sequence[str] = (),
         placed: bool = False,
         effector_frame: FloatArray | None = None,
         enabled: Sequence[str] = (),

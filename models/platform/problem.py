@@ -67,7 +67,7 @@ class ParallelProblem(BoundaryProblem):
         direction_count: int = 0,
         leg_direction_count: int | None = None,
         lengths: bool = False,
-        design: bool = False,
+        design: Sequence[str] = (),
         enabled: Sequence[str] = (),
         pieces: int = 1,
     ) -> None:

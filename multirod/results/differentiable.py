@@ -22,7 +22,14 @@ from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, choice, meant, refuse, shown
 
 OUTPUTS: dict[str, tuple[int, ...]] = {"tip_position": (3,), "tip_pose": (4, 4)}
-PARAMETERS = {"precurvature": (3,), "bending_stiffness": (2,), "torsional_stiffness": (), "length": ()}
+PARAMETERS = {
+    "precurvature": (3,),
+    "bending_stiffness": (2,),
+    "torsional_stiffness": (),
+    "length": (),
+    "foundation": (3,),
+    "magnetisation": (3,),
+}
 
 
 class Equilibrium:

@@ -102,8 +102,9 @@ class Solution(Computed[Robot_co]):
 
         Args:
             *names: Inputs, such as ``"tip_force"`` (then it is the compliance) or ``"rotation"``, or ``"precurvature"`` [1/m],
-                ``"bending_stiffness"``, ``"torsional_stiffness"`` [N m^2], ``"length"`` [m] of each section of each rod,
-                ``"base"``, ``"platform"`` (``docs/derivatives.md`` says what stays as it is meanwhile, and of which robots).
+                ``"bending_stiffness"``, ``"torsional_stiffness"`` [N m^2], ``"length"`` [m], ``"foundation"`` [N/m^2],
+                ``"magnetisation"`` [A m] of each section of each rod, ``"base"``, ``"platform"`` (``docs/derivatives.md`` says
+                what stays as it is meanwhile, and of which robots).
             of: ``"pose"`` of the end effector, ``"line_length"`` or ``"tension"`` of lines; or, at places along a rod,
                 ``"position"``, ``"rotation"`` or ``"curvature"``.
             at: Of the last three, arclengths from the base [m], one or several, rising, as ``rod(k).arclength``.
@@ -114,7 +115,7 @@ class Solution(Computed[Robot_co]):
             frame; one column for each component of an input, or each rod or line. Of lines, shape (..., line_count, k). Along a
             rod, shape (..., 3, k) or (..., count, 3, k): positions and rotation vectors in the world, curvatures in the frame of
             the rod [1/m]. Columns by parameters run over rods, then over as many sections of each as any has, then over
-            components: three of ``precurvature``, ``EI_x`` and ``EI_y`` of ``bending_stiffness``; columns of sections that a rod
+            components: three of vectors, ``EI_x`` and ``EI_y`` of ``bending_stiffness``; columns of sections that a rod
             has not are zero. Of ``base`` position, then rotation vector about it, in the world, of each leg of parallel robots;
             of ``platform`` those of each leg's attachment, in the platform's frame.
 

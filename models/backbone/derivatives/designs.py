@@ -11,6 +11,8 @@ import numpy as np
 
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.kernels.layout.rows import DesignOffsets
+from multirod.models.backbone.kernels.loads.foundation import Foundation
+from multirod.models.backbone.kernels.loads.magnetic import Magnetic
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.backbone.unknowns import base_torques
 from multirod.rotations import cross_matrix
@@ -22,7 +24,10 @@ if TYPE_CHECKING:
     from multirod.models.platform.problem import ParallelProblem
     from multirod.rod import Rod
 
-COMPONENTS = {"precurvature": 3, "bending_stiffness": 2, "torsional_stiffness": 1, "length": 1}  # numbers of a section
+AROUND = (Foundation.of_section,)  # what goes with the frame of the base
+BY_LOAD = (*AROUND, Magnetic.of_section)
+# numbers of a section
+COMPONENTS = {"precurvature": 3, "bending_stiffness": 2, "torsional_stiffness": 1, "length": 1, **dict.fromkeys(BY_LOAD, 3)}
 PARAMETERS = (*COMPONENTS, "base")
 POSE = 6
 DEAD = tuple(spec.name for spec in LOADS if not spec.follows)  # fixed in the world
@@ -31,6 +36,12 @@ DEAD = tuple(spec.name for spec in LOADS if not spec.follows)  # fixed in the wo
 def parameter_size(name: str, rods: Sequence["Rod"]) -> int:
     """How many columns derivatives by a parameter of a backbone have."""
     return POSE if name == "base" else len(rods) * max(len(rod.sections) for rod in rods) * COMPONENTS[name]
+
+
+def design_options(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Options of a problem whose directions change these numbers of sections, among other names."""
+    own = tuple(sorted({name for name in names if name in COMPONENTS}))
+    return {"design": own} if own else {}
 
 
 def refuse_unknown(names: Sequence[str], rods: Sequence["Rod"]) -> None:
@@ -80,8 +91,8 @@ class Designs:
     """Changes of the rods of a ``BackboneProblem``, along every number of a parameter.
 
     A change is a change of the tables that its kernel reads, (D4): ``end``, ``shift`` (of the law of precurvature), ``bending``,
-    ``softness`` (of the inverse of both bending stiffnesses and of the torsional one, relative to it) and ``precurvature``, each
-    of shape (batch, direction, rod, piece, ...).
+    ``softness`` (of the inverse of both bending stiffnesses and of the torsional one, relative to it), ``precurvature``, and the
+    vector of ``loaded``, (D24), each of shape (batch, direction, rod, piece, ...).
     """
 
     def __init__(self, problem: "BackboneProblem", name: str) -> None:
@@ -95,6 +106,7 @@ class Designs:
         self.bending = np.zeros((*shape, 2))
         self.softness = np.zeros((*shape, 3))
         self.precurvature = np.zeros((*shape, arrays.precurvature.shape[-1]))
+        self.loaded = np.zeros((*shape, 3))
         self._set(name)
 
     def _set(self, name: str) -> None:
@@ -108,6 +120,8 @@ class Designs:
                     at = (i * self._sections + section) * count + k
                     if name == "precurvature":
                         self.precurvature[:, at, i, :, k] = own
+                    elif name in BY_LOAD:
+                        self.loaded[:, at, i, :, k] = own
                     elif name == "length":
                         after = there & (arrays.section[:, i] > section)
                         last = np.where(own > 0, arrays.end[:, i], -np.inf).max(axis=1, keepdims=True)
@@ -130,12 +144,14 @@ class Designs:
     def _rows(self) -> FloatArray:
         problem = self.problem
         terms = problem.arrays.precurvature.shape[-1]
-        at = DesignOffsets(terms // 3)
+        at = DesignOffsets(terms // 3, problem.features.loads)
         values = np.zeros((*self.end.shape, at.SIZE))
         values[..., at.END], values[..., at.SHIFT] = self.end, self.shift
         values[..., at.BENDING : at.BENDING + 2] = self.bending
         values[..., at.SOFTNESS : at.SOFTNESS + 3] = self.softness
-        values[..., at.PRECURVATURE :] = self.precurvature
+        values[..., at.PRECURVATURE : at.PRECURVATURE + terms] = self.precurvature
+        if (first := at.LOADS.get(self._name)) is not None:  # else it does not act
+            values[..., first : first + 3] = self.loaded
         result = np.zeros((problem.instance_count, self.count, problem.input_count + values[0, 0].size))
         result[..., problem.input_count :] = values.reshape(len(values), self.count, -1)
         return result

@@ -20,20 +20,12 @@ from multirod.models.backbone.kernels.numbers.vectors import vectors
 f64 = wp.float64
 
 
-def make_design_grid(layout: Layout, memory: Memory, W: int, d, grid: SimpleNamespace) -> SimpleNamespace:
-    """What of the grid depends on how the numbers of the rods change; ``grid`` are the functions that know of inputs alone."""
-    memory_type = wp.array(dtype=d)
-    get_lane = lanes(W, d).get
-    n, SEVERAL = layout.n, layout.TUBES
-    TERMS = 3 * layout.CURVATURE_TERMS
-    TRANSLATION, FIRST = InputOffsets(n).TRANSLATION, input_size(n, layout.DRIVES)
-    at = DesignOffsets(layout.CURVATURE_TERMS)
-    SIZE, END_AT, BENDING, SOFTNESS, SHIFT_AT, CURVE = at.SIZE, at.END, at.BENDING, at.SOFTNESS, at.SHIFT, at.PRECURVATURE
-    COLUMNS, COLUMN_SIZE, GIVEN = memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
-    given = layout.given
-    UNIT, SHIFT, CURVING, SOFTENING = given["unit"], given["shift"], given["curving"], given["softening"]
-    section_from, section_at, section_end, set_number = grid.section_from, grid.section_at, grid.section_end, grid.set_number
-    find_end, load_directions = grid.find_end, grid.load_directions
+def _offsets(layout: Layout) -> DesignOffsets:
+    return DesignOffsets(layout.CURVATURE_TERMS, layout.features.loads)
+
+
+def _make_piece_of(layout: Layout):
+    n, FIRST, SIZE = layout.n, input_size(layout.n, layout.DRIVES), _offsets(layout).SIZE
 
     @wp.func
     def piece_of(call: wp.ref[Call], i: int, m: int) -> int:
@@ -42,6 +34,38 @@ def make_design_grid(layout: Layout, memory: Memory, W: int, d, grid: SimpleName
         if m < 0:
             return wp.static(FIRST) + (i * count + count - 1) * wp.static(SIZE)
         return wp.static(FIRST) + (i * count + m) * wp.static(SIZE)
+
+    return piece_of
+
+
+def make_section_vector(layout: Layout, name: str):
+    """What a direction changes of a vector of a section by which a load has derivatives."""
+    piece_of, AT = _make_piece_of(layout), _offsets(layout).LOADS[name]
+
+    @wp.func
+    def section_vector(call: wp.ref[Call], case: wp.ref[Instance], i: int, m: int, k: int) -> wp.vec3d:
+        at = piece_of(call, i, m) + wp.static(AT)
+        j = case.direction
+        directions = call.problem.directions
+        return wp.vec3d(directions[j, k, at], directions[j, k, at + 1], directions[j, k, at + 2])
+
+    return section_vector
+
+
+def make_design_grid(layout: Layout, memory: Memory, W: int, d, grid: SimpleNamespace) -> SimpleNamespace:
+    """What of the grid depends on how the numbers of the rods change; ``grid`` are the functions that know of inputs alone."""
+    memory_type = wp.array(dtype=d)
+    get_lane = lanes(W, d).get
+    n, SEVERAL = layout.n, layout.TUBES
+    TERMS = 3 * layout.CURVATURE_TERMS
+    TRANSLATION, at = InputOffsets(n).TRANSLATION, _offsets(layout)
+    END_AT, BENDING, SOFTNESS, SHIFT_AT, CURVE = at.END, at.BENDING, at.SOFTNESS, at.SHIFT, at.PRECURVATURE
+    COLUMNS, COLUMN_SIZE, GIVEN = memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
+    given = layout.given
+    UNIT, SHIFT, CURVING, SOFTENING = given["unit"], given["shift"], given["curving"], given["softening"]
+    section_from, section_at, section_end, set_number = grid.section_from, grid.section_at, grid.section_end, grid.set_number
+    find_end, load_directions, load_acting_design = grid.find_end, grid.load_directions, grid.load_acting_design
+    piece_of, LOADS = _make_piece_of(layout), bool(at.LOADS)
 
     @wp.func
     def moved_with_design(call: wp.ref[Call], case: wp.ref[Instance], k: int, mover: int) -> f64:
@@ -105,6 +129,8 @@ def make_design_grid(layout: Layout, memory: Memory, W: int, d, grid: SimpleName
                 g = o + wp.static(COLUMNS + GIVEN) + c * wp.static(COLUMN_SIZE)
                 unit = f64(get_lane(memory, g + wp.static(UNIT), l))
                 j = case.direction
+                if wp.static(LOADS):
+                    load_acting_design(rods, call, case, memory, g, l, k, call.lane[p, START], unit)
                 for i in range(rods.end.shape[1]):
                     m, present = section_at(rods, call, case, i, call.lane[p, START])
                     piece = piece_of(call, i, m)

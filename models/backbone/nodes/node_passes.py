@@ -37,15 +37,18 @@ class NodePasses:
         columns: bool = False,
         rod: int | None = None,
         unknowns: FloatArray | None = None,
-        follower_force: bool | None = None,
+        dead: bool = False,
     ) -> NodePass:
         """A pass over nodes of one rod, or of all together, by outputs of its own, until the next: those of the solve stay.
 
         Columns are those of the model with all its unknowns. ``unknowns`` are those of the solve by default: then it ends where
-        the solve does, or its outputs are NaN (``held_to_solve``). ``follower_force`` says whether there is one, if not as in
-        the solve.
+        the solve does, or its outputs are NaN (``held_to_solve``). Of ``dead`` forces alone, none that follow or depend on the
+        configuration, it has no unknown base force.
         """
-        changes: dict[str, Any] = {} if follower_force is None else {"follower_force": follower_force}
+        changes: dict[str, Any] = {}
+        if dead:
+            kept = tuple(load for load in self.problem.features.loads if not load.force)
+            changes = {"follower_force": False, "loads": kept}
         mine = unknowns is None
         if columns and mine and not self.problem.features.moment:
             unknowns = with_moment(self.problem, self.problem.read("unknowns"))

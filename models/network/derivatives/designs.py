@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.derivatives.designs import COMPONENTS, carried, turned_loads
+from multirod.models.backbone.derivatives.designs import AROUND, COMPONENTS, carried, turned_loads
 from multirod.models.network.elements.elements import TURNING, Elements
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup
 from multirod.models.network.graph import ENDS, Graph
@@ -169,9 +169,12 @@ class Aim:
 
     def rows(self, group: RodGroup, name: str) -> FloatArray:
         """Directions of rods of one build along each of their own numbers, as many as if every tube had the most sections, shape
-        (instance_count, rod, k, width)."""
+        (instance_count, rod, k, width); none by what a rod cannot have around it."""
         rows = group.backbones.derivatives.designs(name).rows()
-        return self.padded(group, rows.reshape(self.problem.instance_count, len(group.members), *rows.shape[1:]), name)
+        rows = rows.reshape(self.problem.instance_count, len(group.members), *rows.shape[1:])
+        if name in AROUND:
+            rows = rows * self.problem.graph.embeddable[group.members, None, None]
+        return self.padded(group, rows, name)
 
     def padded(self, group: RodGroup, rows: FloatArray, name: str) -> FloatArray:
         """The same (instance_count, rod, k, ...) of what is there for the sections that the tubes have."""

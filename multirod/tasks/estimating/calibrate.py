@@ -24,7 +24,7 @@ from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, device_name, frozen, instance, meant, positive_int, refuse, shown
 
-HARDLY_SEEN = 1.0  # deviation, of stiffnesses over what they were, of precurvatures in 1/m: a step there is a leap
+HARDLY_SEEN = 1.0  # deviation, of factors over what was, of precurvatures in 1/m: a step there is a leap
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,10 @@ class Calibration(Generic[Robot_co]):
     parameter                                       its numbers
     ==============================================  ==============================================================================
     ``bending_stiffness``, ``torsional_stiffness``  of each rod, over what it was: all its sections and axes alike
+    ``foundation``, ``magnetisation``               likewise, of each rod that has one
     ``precurvature``                                of each rod, each section that is curved at rest: three components [1/m]
     ``base``                                        how far it is moved [m], then turned about itself [rad], in the world
-    a tuple of the first three                      one factor that all of these share, of all rods, over what they were
+    a tuple of all but ``base``                     one factor that all of these share, of all rods, over what they were
     ==============================================  ==============================================================================
 
     Attributes:
@@ -181,10 +182,10 @@ def calibrate(
     Args:
         robot: The assembly, as it is known before: where the fit begins, and the mean of what is known.
         inputs: Of each shape, made by ``robot.inputs(...)``: their leading axes count the shapes.
-        parameters: One of ``bending_stiffness``, ``torsional_stiffness``, ``precurvature``, ``base`` or several (``Calibration``
-            says what their numbers are), or with a ``Prior`` for each: its mean is what the robot has, and of stiffnesses its
-            ``sigma`` is relative. Those in a tuple share one factor, of all rods: ``[("bending_stiffness",
-            "torsional_stiffness"), "precurvature"]`` fits a common modulus.
+        parameters: One of ``bending_stiffness``, ``torsional_stiffness``, ``foundation``, ``magnetisation``, ``precurvature``,
+            ``base`` or several (``Calibration`` says what their numbers are), or with a ``Prior`` for each: its mean is what the
+            robot has, and of the first four its ``sigma`` is relative. Those in a tuple share one factor, of all rods:
+            ``[("bending_stiffness", "torsional_stiffness"), "precurvature"]`` fits a common modulus.
         measured: ``Pose``, ``Curvature``, or several, each with ``sigma``; leading axes as those of ``inputs``.
         solver: That finds the equilibria of the robot as it is; its integrator and tolerance are used.
         guess: Where these begin.

@@ -15,9 +15,9 @@ from multirod.tasks.estimating.iteration import block_diagonal
 from multirod.tasks.estimating.priors import Prior
 from multirod.validation import FloatArray, refuse
 
-STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
-PARAMETERS = (*STIFFNESSES, "precurvature", "base")
-SCALED = (*STIFFNESSES, "precurvature")  # may share a factor
+FACTORS = ("bending_stiffness", "torsional_stiffness", "foundation", "magnetisation")  # told over what they were
+PARAMETERS = (*FACTORS, "precurvature", "base")
+SCALED = (*FACTORS, "precurvature")  # may share a factor
 Key: TypeAlias = str | tuple[str, ...]  # a parameter, or several that share a factor
 
 
@@ -184,7 +184,7 @@ class Parameters:
         return np.concatenate(result)
 
 
-COMPONENTS = {"bending_stiffness": 2, "torsional_stiffness": 1, "precurvature": 3}
+COMPONENTS = {"bending_stiffness": 2, "torsional_stiffness": 1, "precurvature": 3, "foundation": 3, "magnetisation": 3}
 
 
 def said(key: Key) -> str:
@@ -217,7 +217,7 @@ def _group(robot: Assembly, key: Key) -> Group:
         part = [(name, i) for name in key for i in _rods(robot, name)]
         return Scaled([f"all rods: {said(key)}, over what {'they were' if len(key) > 1 else 'it was'}"], [part])
     called = [rod.name or f"rod {i + 1}" for i, rod in enumerate(robot.rods)]
-    if key in STIFFNESSES:
+    if key in FACTORS:
         rods = _rods(robot, key)
         return Scaled([f"{called[i]}: {key}, over what it was" for i in rods], [[(key, i)] for i in rods])
     curved = [(i, j) for i, rod in enumerate(robot.rods) for j, s in enumerate(rod.sections) if _precurvature(s).any()]
@@ -228,16 +228,8 @@ def _group(robot: Assembly, key: Key) -> Group:
 
 def _rods(robot: Assembly, name: str) -> list[int]:
     """Those that have a parameter, which can be scaled."""
-    has = _finite if name in STIFFNESSES else _curved
-    rods = [i for i, rod in enumerate(robot.rods) if has(rod, name)]
+    numbers = [[_number(section, name) for section in rod.sections] for rod in robot.rods]
+    rods = [i for i, own in enumerate(numbers) if any(np.isfinite(number).all() and number.any() for number in own)]
     if not rods:
-        refuse("parameters", name, f"must not be fitted: no rod has one that is {'finite' if has is _finite else 'not zero'}")
+        refuse("parameters", name, "must not be fitted: no rod has one that is finite and not zero")
     return rods
-
-
-def _finite(rod: Rod, name: str) -> bool:
-    return any(np.isfinite(getattr(section, name)).all() for section in rod.sections)
-
-
-def _curved(rod: Rod, name: str) -> bool:
-    return any(_precurvature(section).any() for section in rod.sections)

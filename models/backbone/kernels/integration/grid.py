@@ -326,6 +326,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             set_number=set_number,
             find_end=find_end,
             load_directions=load_directions,
+            load_acting_design=acting.design,
         )
         changed = make_design_grid(layout, memory, W, d, known)
         moved, mass_rate_until = changed.moved, changed.mass_rate_until

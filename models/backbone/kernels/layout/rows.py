@@ -1,6 +1,12 @@
 """Where numbers stand in the rows that kernels read: of the rods' material, of inputs, of what a direction changes."""
 
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, CALLED, TIP_CURVATURE
+
+if TYPE_CHECKING:
+    from multirod.models.backbone.kernels.loads.load import Load
 
 # EI_x, EI_y, GJ, their inverses, 1/GA_x, 1/GA_y, 1/EA, mass per length, magnetic moment per length, stiffness of the foundation
 MATERIAL_SIZE = 16
@@ -31,12 +37,18 @@ class InputOffsets:
 
 
 class DesignOffsets:
-    """How a direction says, after its inputs, what changes of each section of each rod: the same numbers for each."""
+    """How a direction says, after its inputs, what changes of each section of each rod: the same numbers for each, last those of
+    the loads along it, by their names."""
 
-    def __init__(self, curvature_terms: int) -> None:
+    def __init__(self, curvature_terms: int, loads: Iterable[type["Load"]] = ()) -> None:
         self.END = 0  # arclength of its end
         self.BENDING = 1  # EI_x, EI_y
         self.SOFTNESS = 3  # of the inverse of EI_x, EI_y and GJ, relative to it
         self.SHIFT = 6  # of the law of its precurvature along the rod
         self.PRECURVATURE = 7
         self.SIZE = 7 + 3 * curvature_terms
+        self.LOADS: dict[str, int] = {}
+        for load in loads:
+            if load.of_section:
+                self.LOADS[load.of_section] = self.SIZE
+                self.SIZE += 3

@@ -1,7 +1,7 @@
 # mypy: ignore-errors
 """Rods in an elastic medium: the force per length (3e), its variation (18e), and the energy (14e).
 
-Numbers in parentheses are those of ``docs/model.md``.
+Numbers in parentheses are those of ``docs/model.md``, (D24) that of ``docs/derivatives.md``.
 """
 
 from types import SimpleNamespace
@@ -25,12 +25,20 @@ class Foundation(Load):
     """A medium that holds each piece of the rods to its place on the line straight out of the base."""
 
     force = by_place = conservative = convex = True
-    of_rod = "Rod.foundation"
+    of_rod, of_section = "Rod.foundation", "foundation"
     rises = False  # with the loads around straight rods too
 
     @classmethod
     def on_stretch(cls, n: int) -> list[Slot]:
         return [Slot("stiffness", 3, "force per area")]  # of what is around all rods
+
+    @classmethod
+    def at_place(cls, n: int) -> list[Slot]:
+        return [Slot("departure", 3, "length")]
+
+    @classmethod
+    def of_direction(cls, n: int) -> list[Slot]:
+        return [Slot("stiffening", 3, "force per area")]
 
     @classmethod
     def size(cls, sizes) -> FloatArray:
@@ -61,8 +69,10 @@ class Foundation(Load):
             numbers.memory_type,
             numbers.d,
         )
-        row3, times, dot, largest = numbers.row3, numbers.times, numbers.dot, numbers.largest
-        STIFFNESS = numbers.on_stretch("stiffness")
+        row3, put3, times, minus = numbers.row3, numbers.put3, numbers.times, numbers.minus
+        dot, largest, DESIGN = numbers.dot, numbers.largest, numbers.layout.DESIGN
+        STIFFNESS, DEPARTURE = numbers.on_stretch("stiffness"), numbers.at_place("departure")
+        STIFFENING = numbers.of_direction("stiffening")
 
         @wp.func
         def departure(s: Real, p: Vec3) -> Vec3:
@@ -78,14 +88,21 @@ class Foundation(Load):
         @wp.func
         def force(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Vec3:
             """(3e) ``-k (p - s e3)``"""
-            return push(memory, z, departure(s, p))
+            way = departure(s, p)
+            if wp.static(DESIGN):
+                put3(memory, a + wp.static(DEPARTURE), way)
+            return push(memory, z, way)
 
         @wp.func
         def force_variation(
             memory: memory_type, z: int, a: int, g: int, ds: Real, frame: Frame, v: Column, dphi: Vec3, dp: Vec3
         ) -> Vec3:
-            """(18e)"""
-            return push(memory, z, departure(ds, dp))
+            """(18e), (D24)"""
+            df = push(memory, z, departure(ds, dp))
+            if wp.static(DESIGN):
+                way = row3(memory, a + wp.static(DEPARTURE))
+                df = minus(df, times(row3(memory, g + wp.static(STIFFENING)), way))
+            return df
 
         @wp.func
         def spring(memory: memory_type, z: int) -> Real:
@@ -104,7 +121,8 @@ class Foundation(Load):
     @classmethod
     def loading(cls, grid: SimpleNamespace) -> SimpleNamespace:
         memory_type, set_vector, section_at = grid.memory_type, grid.set_vector, grid.section_at
-        STIFFNESS, RISES = grid.on_stretch("stiffness"), cls.rises
+        section_vector, RISES = grid.section_vector, cls.rises
+        STIFFNESS, STIFFENING = grid.on_stretch("stiffness"), grid.of_direction("stiffening")
 
         @wp.func
         def bent_at_rest(rods: wp.ref[RodTable], case: wp.ref[Instance]) -> bool:
@@ -118,27 +136,42 @@ class Foundation(Load):
             return bent == 1
 
         @wp.func
+        def scale(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> f64:
+            """Raised with the loads around rods that it bends, as solvers begin at unloaded ones; there around straight ones."""
+            whole = case.unit * case.unit / case.force
+            factor = call.problem.load_factor[case.index]
+            if factor != f64(1.0):  # or nothing depends on how it is bent
+                if wp.static(RISES) or bent_at_rest(rods, case):
+                    whole *= factor
+            return whole
+
+        @wp.func
         def stretch(
             rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, z: int, l: int, s: f64
         ):
-            """Raised with the loads around rods that it bends, as solvers begin at unloaded ones; there around straight ones."""
             medium = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
             for i in range(rods.end.shape[1]):
                 m, present = section_at(rods, call, case, i, s)
                 for j in range(3):
                     medium[j] = medium[j] + present * rods.material[case.rods, i, m, wp.static(MEDIUM) + j]
-            scale = case.unit * case.unit / case.force
-            factor = call.problem.load_factor[case.index]
-            if factor != f64(1.0):  # or nothing depends on how it is bent
-                if wp.static(RISES) or bent_at_rest(rods, case):
-                    scale *= factor
-            set_vector(memory, z + wp.static(STIFFNESS), l, scale * medium)
+            set_vector(memory, z + wp.static(STIFFNESS), l, scale(rods, call, case) * medium)
 
         @wp.func
         def direction(call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, k: int, unit: f64):
             """No input."""
 
-        return SimpleNamespace(stretch=stretch, direction=direction)
+        @wp.func
+        def design(
+            rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, k: int,
+            s: f64, unit: f64,
+        ):  # fmt: skip
+            change = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+            for i in range(rods.end.shape[1]):
+                m, present = section_at(rods, call, case, i, s)
+                change += present * section_vector(call, case, i, m, k)
+            set_vector(memory, g + wp.static(STIFFENING), l, (scale(rods, call, case) / unit) * change)
+
+        return SimpleNamespace(stretch=stretch, direction=direction, design=design)
 
 
 class RisingFoundation(Foundation):

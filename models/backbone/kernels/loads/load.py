@@ -45,6 +45,7 @@ class Load(ABC):
             constant on a section.
         raised: Those of them by which the load is multiplied: they are raised with the loads, as the unloaded rods are where
             solvers begin.
+        of_section: The vector of ``Section`` by which there are derivatives, (D24) of ``docs/derivatives.md``; None of others.
     """
 
     force: ClassVar[bool] = False
@@ -56,6 +57,7 @@ class Load(ABC):
     input: ClassVar[str | None] = None
     parameters: ClassVar[Mapping[str, tuple[int, int]]] = {}
     raised: ClassVar[tuple[str, ...]] = ()
+    of_section: ClassVar[str | None] = None
 
     def values(self, section: "Section") -> FloatArray:
         """The parameters on a section of the rod that has this load, shape (..., len(parameters))."""
@@ -128,10 +130,11 @@ class Load(ABC):
         Args:
             grid: ``n``, ``column``, where its parameters stand in the material, ``input``, where its input begins in a row;
                 ``on_stretch(name)``, ``of_direction(name)`` as for ``law``; ``set_number(memory, row, lane, value)``,
-                ``set_vector``, ``section_at``, ``load_vector``, ``direction_vector`` and ``counted``.
+                ``set_vector``, ``section_at``, ``load_vector``, ``direction_vector``, ``section_vector`` and ``counted``.
 
         Returns:
-            ``stretch(rods, call, case, memory, z, l, s)`` and ``direction(call, case, memory, g, l, k, unit)``.
+            ``stretch(rods, call, case, memory, z, l, s)`` and ``direction(call, case, memory, g, l, k, unit)``; of a law with
+            ``of_section`` also ``design(rods, call, case, memory, g, l, k, s, unit)``.
         """
         memory_type, n, COLUMN, INPUT = grid.memory_type, grid.n, grid.column, grid.input
         set_number, set_vector, section_at, counted = grid.set_number, grid.set_vector, grid.section_at, grid.counted

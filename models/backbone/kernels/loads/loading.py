@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone.kernels.design import make_section_vector
 from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
@@ -22,6 +23,7 @@ def load_of_all(layout: Layout, inputs: InputOffsets, reach: SimpleNamespace) ->
 
     def one(load):
         own = {"n": layout.n, "column": columns[load], "input": inputs.of(load.input) if load.input else -1}
+        own |= {"section_vector": make_section_vector(layout, load.of_section) if load.of_section else None}
         return load.loading(SimpleNamespace(**(vars(reach) | own | layout.slots_of(load))))
 
     def both(first, then):
@@ -41,6 +43,18 @@ def load_of_all(layout: Layout, inputs: InputOffsets, reach: SimpleNamespace) ->
 
         return SimpleNamespace(stretch=stretch, direction=direction)
 
-    if not features.loads:
-        return SimpleNamespace(stretch=None, direction=None)
-    return reduce(both, [one(load) for load in features.loads])
+    def both_designs(first, then):
+        @wp.func
+        def design(
+            rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, k: int,
+            s: f64, unit: f64,
+        ):  # fmt: skip
+            first(rods, call, case, memory, g, l, k, s, unit)
+            then(rods, call, case, memory, g, l, k, s, unit)
+
+        return design
+
+    every = [one(load) for load in features.loads]
+    designs = [load.design for load in every if hasattr(load, "design")]
+    own = {"stretch": None, "direction": None} if not every else vars(reduce(both, every))
+    return SimpleNamespace(**own | {"design": reduce(both_designs, designs) if designs else None})

@@ -1,7 +1,7 @@
 # mypy: ignore-errors
 """Magnetised rods in a uniform field: the moment per length (3d), their torques (8d), the variations (18d), the energy (14d).
 
-Numbers in parentheses are those of ``docs/model.md``.
+Numbers in parentheses are those of ``docs/model.md``, (D24) that of ``docs/derivatives.md``.
 """
 
 from types import SimpleNamespace
@@ -25,7 +25,7 @@ class Magnetic(Load):
 
     moment = conservative = True
     input = "magnetic_field"
-    of_rod = "Rod.magnetisation"
+    of_rod, of_section = "Rod.magnetisation", "magnetisation"
 
     @classmethod
     def on_stretch(cls, n: int) -> list[Slot]:
@@ -34,6 +34,10 @@ class Magnetic(Load):
     @classmethod
     def at_place(cls, n: int) -> list[Slot]:
         return [Slot("field", 3), Slot("turned", 3 * n, "force")]  # R^T B, and magnetisation along the axes of rod 1
+
+    @classmethod
+    def of_direction(cls, n: int) -> list[Slot]:
+        return [*super().of_direction(n), Slot("magnetising", 3 * n, "force")]
 
     @classmethod
     def size(cls, sizes) -> FloatArray:
@@ -58,11 +62,19 @@ class Magnetic(Load):
         part, keep, part_of, keep_in = numbers.part, numbers.keep, numbers.part_of, numbers.keep_in
         row3, put3, zero3, cross, dot, plus = numbers.row3, numbers.put3, numbers.zero3, numbers.cross, numbers.dot, numbers.plus
         rotate, rotate_inverse, layout = numbers.rotate, numbers.rotate_inverse, numbers.layout
-        n, TORQUES, DIRECTIONS = layout.n, layout.TORQUES, layout.DIRECTIONS
+        n, TORQUES, DIRECTIONS, DESIGN = layout.n, layout.TORQUES, layout.DIRECTIONS, layout.DESIGN
         FIELD, OWN = numbers.on_stretch("input"), numbers.on_stretch("magnetisation")
         FIELD_AT, TURNED, VARIED = numbers.at_place("field"), numbers.at_place("turned"), numbers.of_direction("input")
+        MAGNETISING = numbers.of_direction("magnetising")
         COSINE, SINE = layout.place["cosine"], layout.place["sine"]
         THETA, TAU = layout.state["angles"], layout.state["torques"]
+
+        @wp.func
+        def along_first(memory: memory_type, a: int, i: int, own: Vec3) -> Vec3:
+            """A vector of rod i along the axes of rod 1."""
+            c = row(memory, a + wp.static(COSINE) + i)
+            s = row(memory, a + wp.static(SINE) + i)
+            return Vec3(c * own.x - s * own.y, s * own.x + c * own.y, own.z)
 
         @wp.func
         def about_axis(mu: Vec3, turn: Real) -> Vec3:
@@ -82,10 +94,7 @@ class Magnetic(Load):
             mu = row3(memory, z + wp.static(OWN))
             put3(memory, a + wp.static(TURNED), mu)
             for i in range(1, wp.static(n)):
-                own = row3(memory, z + wp.static(OWN + 3 * i))
-                c = row(memory, a + wp.static(COSINE + i))
-                s_ = row(memory, a + wp.static(SINE + i))
-                own = Vec3(c * own.x - s_ * own.y, s_ * own.x + c * own.y, own.z)
+                own = along_first(memory, a, wp.static(i), row3(memory, z + wp.static(OWN + 3 * i)))
                 put3(memory, a + wp.static(TURNED + 3 * i), own)
                 mu = plus(mu, own)
             return rotate(frame, cross(mu, B))
@@ -116,6 +125,19 @@ class Magnetic(Load):
             return dB
 
         @wp.func
+        def magnetisation_variation(memory: memory_type, a: int, g: int, v: Column, i: int) -> Vec3:
+            """(18d), (D24) Of rod i, along the axes of rod 1."""
+            change = zero3()
+            if wp.static(DESIGN):
+                change = row3(memory, g + wp.static(MAGNETISING) + 3 * i)
+            if i > 0:
+                if wp.static(DESIGN):
+                    change = along_first(memory, a, i, change)
+                turn = part_of(v, wp.static(THETA - 1) + i)
+                change = plus(change, about_axis(row3(memory, a + wp.static(TURNED) + 3 * i), turn))
+            return change
+
+        @wp.func
         def moment_variation(
             memory: memory_type, z: int, a: int, g: int, ds: Real, frame: Frame, v: Column, dphi: Vec3, dp: Vec3
         ) -> Vec3:
@@ -125,10 +147,8 @@ class Magnetic(Load):
             mu = zero3()
             dmu = zero3()
             for i in range(wp.static(n)):
-                own = row3(memory, a + wp.static(TURNED + 3 * i))
-                mu = plus(mu, own)
-                if wp.static(i > 0):
-                    dmu = plus(dmu, about_axis(own, part_of(v, wp.static(THETA + i - 1))))
+                mu = plus(mu, row3(memory, a + wp.static(TURNED + 3 * i)))
+                dmu = plus(dmu, magnetisation_variation(memory, a, g, v, wp.static(i)))
             return rotate(frame, plus(cross(dphi, cross(mu, B)), plus(cross(dmu, B), cross(mu, dB))))
 
         @wp.func
@@ -138,9 +158,8 @@ class Magnetic(Load):
             dB = field_variation(memory, a, g, frame, dphi)
             for i in range(1, wp.static(TORQUES + 1)):
                 at = wp.static(TAU + i - 1)
-                mu = row3(memory, a + wp.static(TURNED + 3 * i))
-                turned = torque_on(about_axis(mu, part_of(v, wp.static(THETA + i - 1))), B)
-                keep_in(f, at, part_of(f, at) - turned - torque_on(mu, dB))
+                turned = torque_on(magnetisation_variation(memory, a, g, v, wp.static(i)), B)
+                keep_in(f, at, part_of(f, at) - turned - torque_on(row3(memory, a + wp.static(TURNED + 3 * i)), dB))
 
         return SimpleNamespace(
             moment=moment,
@@ -152,8 +171,10 @@ class Magnetic(Load):
 
     @classmethod
     def loading(cls, grid: SimpleNamespace) -> SimpleNamespace:
-        memory_type, set_number, section_at = grid.memory_type, grid.set_number, grid.section_at
-        OWN, own_input = grid.on_stretch("magnetisation"), super().loading(grid)
+        memory_type, set_vector = grid.memory_type, grid.set_vector
+        section_at, section_vector = grid.section_at, grid.section_vector
+        OWN, MAGNETISING = grid.on_stretch("magnetisation"), grid.of_direction("magnetising")
+        own_input = super().loading(grid)
         load_input = own_input.stretch
 
         @wp.func
@@ -163,8 +184,19 @@ class Magnetic(Load):
             load_input(rods, call, case, memory, z, l, s)
             for i in range(rods.end.shape[1]):
                 m, present = section_at(rods, call, case, i, s)
+                mu = wp.vec3d()
                 for j in range(3):
-                    mu = present * rods.material[case.rods, i, m, wp.static(MAGNETISATION) + j] / case.force
-                    set_number(memory, z + wp.static(OWN) + 3 * i + j, l, mu)
+                    mu[j] = present * rods.material[case.rods, i, m, wp.static(MAGNETISATION) + j] / case.force
+                set_vector(memory, z + wp.static(OWN) + 3 * i, l, mu)
 
-        return SimpleNamespace(stretch=stretch, direction=own_input.direction)
+        @wp.func
+        def design(
+            rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, g: int, l: int, k: int,
+            s: f64, unit: f64,
+        ):  # fmt: skip
+            for i in range(rods.end.shape[1]):
+                m, present = section_at(rods, call, case, i, s)
+                change = (present / (case.force * unit)) * section_vector(call, case, i, m, k)
+                set_vector(memory, g + wp.static(MAGNETISING) + 3 * i, l, change)
+
+        return SimpleNamespace(stretch=stretch, direction=own_input.direction, design=design)
