@@ -1,4 +1,4 @@
-"""What does not change once it is made: robots, rods, inputs and results."""
+"""What does not change once it is made: robots, rods and lines, bodies and joints, inputs and results."""
 
 from copy import copy
 from functools import cached_property

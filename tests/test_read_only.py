@@ -114,6 +114,30 @@ def test_a_body_is_not_written_to(name: str) -> None:
     assert body.mass == 0.1
 
 
+LINES = {
+    "tendon": (lambda: mr.Tendon((0.01, 0)), ("offset", "end", "friction", "discs", "tension")),
+    "rubbing tendon": (lambda: mr.Tendon((0.01, 0), friction=0.1), ("friction", "name")),
+    "tendon of given length": (
+        lambda: mr.Tendon((0.01, 0), driven="displacement", axial_stiffness=300.0),
+        ("axial_stiffness", "rest_length", "driven"),
+    ),
+    "push rod": (lambda: mr.PushRod((0.01, 0), bending_stiffness=1e-3), ("bending_stiffness", "offset", "condition")),
+    "chamber": (lambda: mr.Chamber((0.01, 0), area=2e-5), ("area", "weight", "start")),
+}
+
+
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, (_, names) in LINES.items() for name in names])
+def test_a_line_is_not_written_to(kind: str, name: str) -> None:
+    """Neither by itself nor in its rod, which has a copy that knows of the rod."""
+    line = LINES[kind][0]()
+    rod = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, lines=[line])
+    for own in (line, rod.lines[0]):
+        before = repr(getattr(own, name, None))
+        with pytest.raises(AttributeError, match=rf"\.{name} = \.\.\. is not allowed: .*make another line"):
+            setattr(own, name, 0.5)
+        assert repr(getattr(own, name, None)) == before
+
+
 @pytest.mark.parametrize(("thing", "name"), [(thing, name) for thing, names in WRITTEN.items() for name in names])
 def test_nothing_is_written_to(robot: mr.SingleRod, thing: str, name: str) -> None:
     """It would be told, and not used: what was computed does not change with it."""

@@ -110,6 +110,7 @@ class DisplacedTendon(DrivenByLength, Tendon):
 class RubbingTendon(Tendon):
     """A ``Tendon`` with friction, (L12)."""
 
+    written = Tendon.written | {"friction"}
     parameters: ClassVar = {**Line.parameters, "friction": (0, 0)}
     functions: ClassVar = {**Line.functions, "left": (0, 0)}
     rubs = True
@@ -151,6 +152,7 @@ class RubbingTendon(Tendon):
 class RubbingDisplacedTendon(RubbingTendon, DisplacedTendon):
     """The same, driven by displacement: it does not stretch."""
 
+    written = RubbingTendon.written | DisplacedTendon.written
     drive: ClassVar = DrivenByLength.drive
 
     def __init__(self, offset: Numbers | None = None, *, friction: Numbers, **options: Unpack[TendonOptions]) -> None:
@@ -185,6 +187,7 @@ class PushRod(DrivenByLength):
         ValueError: If a value is out of range; the message names it, its value and what is allowed.
     """
 
+    written = DrivenByLength.written | {"bending_stiffness"}
     parameters: ClassVar = {**Line.parameters, "bending": (1, 2)}
 
     def __init__(
@@ -282,6 +285,7 @@ class Chamber(Line):
         ValueError: If a value is out of range; the message names it, its value and what is allowed.
     """
 
+    written = Line.written | {"area"}
     parameters: ClassVar = {"weight": (0, 2), "discs": (0, 2)}
     drive: ClassVar = ("pressure", (1, -2))
 
@@ -305,7 +309,10 @@ class Chamber(Line):
         if area is None:
             raise TypeError("Chamber needs area")
         self.area = positive_array("Chamber.area", area)
-        self.weight = -self.area
+
+    @property
+    def weight(self) -> FloatArray:  # noqa: D102
+        return -self.area
 
     @property
     def batch_shape(self) -> tuple[int, ...]:  # noqa: D102

@@ -1,7 +1,6 @@
 """Lines: what runs along a rod at an offset from its centreline, and pulls or pushes; ``docs/lines.md``."""
 
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypedDict, Unpack
@@ -11,6 +10,7 @@ import numpy as np
 from multirod import profile
 from multirod.batch import IntArray, take
 from multirod.models.backbone.members.member import Member
+from multirod.read_only import ReadOnly, changed
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, nonnegative_float, positive_array, positive_float, refuse
 
@@ -25,7 +25,7 @@ DEGREE = 11  # of the polynomials that hold a route: a turn of a helix takes fou
 ROUNDED = 1e-12  # of the rod's length: what an end may be past the rod's
 
 
-class Line(Member):
+class Line(ReadOnly, Member):
     """A line along a rod, at an offset ``rho`` from its centreline that is fixed in the material frame, or a route ``rho(s)``.
 
     Attributes:
@@ -36,6 +36,8 @@ class Line(Member):
         batch_shape: Leading axes of its offset.
     """
 
+    written = frozenset({"offset", "start", "end", "name"})
+    instead = "make another line, and a rod with it"
     # zero where the line is not; and what discs take away, (L11)
     parameters: ClassVar = {"weight": (0, 0), "discs": (0, 2)}
     functions: ClassVar = {"x": (0, 1), "y": (0, 1)}
@@ -86,8 +88,7 @@ class Line(Member):
             refuse(f"{field}.end", self.end, f"must be at most the length of the rod, {shortest:g} m")
         if self.start >= shortest:
             refuse(f"{field}.start", self.start, f"must be less than the length of the rod, {shortest:g} m")
-        result = copy(self)
-        result.discs = discs
+        result = changed(self, discs=discs)
         if self.end is not None and self.end < shortest * (1 - ROUNDED):
             result._last = self.end
         if self._route is not None:
@@ -198,6 +199,7 @@ class Where(TypedDict, total=False):
 class DrivenByLength(Line):
     """A line whose length is given and whose tension is unknown, (L7)."""
 
+    written = Line.written | {"axial_stiffness", "rest_length"}
     drive: ClassVar = ("displacement", (1, 0))
     conditioned = True
     condition: FloatArray  # what ``CONDITION`` says, (..., 8)
@@ -228,13 +230,13 @@ class DrivenByLength(Line):
             )
         natural = result.length_at_rest(sections)
         rest = natural if self.rest_length is None else np.asarray(self.rest_length)
-        pushed, pulled, result.reach = result._growth(sections)
+        pushed, pulled, reach = result._growth(sections)
         straightened = [replace(section, precurvature=np.zeros(3)) for section in sections]
-        _, held, result.reach_straight = result._growth(straightened)
+        _, held, reach_straight = result._growth(straightened)
         straight = result.length_at_rest(straightened)
         found = (result.lever(sections), rest / self.axial_stiffness, natural, rest - natural, pushed, pulled, straight, held)
-        result.condition = np.stack(np.broadcast_arrays(*found), axis=-1)
-        return result
+        condition = np.stack(np.broadcast_arrays(*found), axis=-1)
+        return changed(result, condition=condition, reach=reach, reach_straight=reach_straight)
 
     def _growth(self, sections: "Sequence[Section]") -> tuple[FloatArray, FloatArray, float]:
         """(L7b) Rest length per length of rod that is pushed out of the base, or pulled into it, and how far that is so."""
