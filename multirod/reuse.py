@@ -40,6 +40,7 @@ class Kept:
         self._by_key: dict[Any, list[int]] = {}
         self._next = 0
         self._size = 0
+        self._orphaned = False  # whether a robot of one that is kept is no more
 
     def take(self, robot: Assembly, key: object) -> BoundaryProblem | None:
         """A problem of this robot, out of what is kept; None if there is none."""
@@ -54,14 +55,20 @@ class Kept:
     def put(self, robot: Assembly, key: object, problem: BoundaryProblem) -> None:
         """Keep a problem that no one works on."""
         with self._lock:
-            self._problems[self._next] = ref(robot), problem, key
+            self._problems[self._next] = ref(robot, self._orphan), problem, key
             self._by_key.setdefault(key, []).append(self._next)
             self._next += 1
             self._size += problem.records.size
-            for number in [number for number, (owner, _, _) in self._problems.items() if owner() is None]:
-                self._remove(number)
+            if self._orphaned:
+                self._orphaned = False
+                for number in [number for number, (owner, _, _) in self._problems.items() if owner() is None]:
+                    self._remove(number)
             while len(self._problems) > MOST or self._size > ROOM:
                 self._remove(next(iter(self._problems)))
+
+    def _orphan(self, _: object) -> None:
+        """Noted alone: a robot may go while the lock is held."""
+        self._orphaned = True
 
     def _remove(self, number: int) -> None:
         _, problem, key = self._problems.pop(number)

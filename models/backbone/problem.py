@@ -164,7 +164,8 @@ class BackboneProblem(BoundaryProblem):
         self.sizes, self.buffers = Sizes(self), Buffers(self)
         self.nodes, self.derivatives = NodePasses(self), BackboneDerivatives(self)
         self.table = self.buffers.table(inputs)
-        self.write("inputs", self.pack(inputs))
+        self._packed = self.pack(inputs)
+        self.write("inputs", self._packed)
         self.judged_often = self._judged_by_solves  # whether the second variation is condensed by a kernel of its own
         if self.held:  # what is found is judged, always: it is compiled while the others are
             self.expect_form()
@@ -278,8 +279,9 @@ class BackboneProblem(BoundaryProblem):
         if inputs.profiles or self.inputs_given.profiles or any(name in NOT_TAKEN for name in inputs.given):
             return False
         self._clear()
-        self.inputs_given = inputs
-        self.write("inputs", self.pack(inputs))
+        if inputs is not self.inputs_given:
+            self.inputs_given, self._packed = inputs, self.pack(inputs)
+        self.write("inputs", self._packed)
         self.renewals += 1
         return True
 

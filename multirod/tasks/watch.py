@@ -47,6 +47,8 @@ class Watch:
         self._slopes = np.zeros((count, task.count, n, n))  # (17c) of ``Gamma`` by what is free, in units (9)
         self._anchored = np.zeros((count, task.count))  # what is free at ``anchor``, in units (9)
         self._others = np.zeros((count, problem.input_count))  # and what is not
+        # of instances that were kept since the last sample: their way to there, if one tells, and by how much ``Gamma`` changed
+        self._due: list[tuple[int, FloatArray | None, FloatArray]] = []
 
     def gamma(self) -> FloatArray:
         """Of the last integration, shape (b, n, n)."""
@@ -69,6 +71,7 @@ class Watch:
         chosen[rows] = True
         if not len(rows):
             return
+        self.catch_up()
         x, p = np.array(self._problem.read("unknowns")), task.values()
         by = np.zeros((*x.shape, task.count))
         by[rows] = task.last(rows).eliminated[1]
@@ -93,9 +96,9 @@ class Watch:
 
     def keep(self, rows: IntArray, gamma: FloatArray) -> None:
         """Some instances are stable at ``gamma`` (k, n, n), that of the last comparison, as far as can be said; one that is
-        singular is no place to go by."""
+        singular is no place to go by. How ``Gamma`` varies there is left to ``catch_up``."""
         anchor, inverse, scale, compared = (self._shared[name] for name in ("anchor", "inverse", "scale", "compared"))
-        growth, least, place = (self._shared[name] for name in ("growth", "least", "place"))
+        place = self._shared["place"]
         compared.fetch()
         place.fetch()
         compared.values[rows, 0] = 0.0
@@ -103,10 +106,8 @@ class Watch:
         others[:, self._task.places] = 0.0
         for row, own in zip(rows.tolist(), gamma, strict=True):
             gone = place.values[row] - self._anchored[row]
-            if np.abs(gone).max() > LEAST_GONE and (others[row] == self._others[row]).all():
-                # (17d): they are right along the way that was gone
-                left = own - anchor.values[row] - np.tensordot(gone, self._slopes[row], 1)
-                self._slopes[row] += gone[:, None, None] * (left / (gone @ gone))
+            tells = np.abs(gone).max() > LEAST_GONE and (others[row] == self._others[row]).all()
+            self._due.append((row, gone if tells else None, own - anchor.values[row]))
             self._anchored[row], self._others[row] = place.values[row], others[row]
             anchor.values[row], inverse.values[row] = own, np.nan
             if not np.isfinite(own).all():
@@ -118,14 +119,35 @@ class Watch:
             if not self._scaled[row]:
                 scale.values[row], self._scaled[row] = _balance(np.abs(back) @ np.abs(own)), True
             inverse.values[row] = back.T / scale.values[row]
-            off = inverse.values[row].T @ self._slopes[row] * scale.values[row]
-            off = off.reshape(len(off), -1)
-            off[~np.isfinite(off).all(axis=1)] = UNTOLD / np.sqrt(off.shape[1])
-            growth.values[row] = off @ off.T
-            fastest = np.sqrt(growth.values[row].diagonal().max())
-            least.values[row] = LEAST_GROWN * fastest, max(UNTOLD, fastest)
-        for each in (anchor, inverse, scale, compared, growth, least):
+        for each in (anchor, inverse, scale, compared):
             each.send()
+
+    def catch_up(self) -> None:
+        """(17c), (17d) How ``Gamma`` varies where instances were kept: before the next sample, lest one bears all of the work."""
+        if not self._due:
+            return
+        inverse, scale, growth, least = (self._shared[name] for name in ("inverse", "scale", "growth", "least"))
+        for row, gone, change in self._due:
+            slopes = self._slopes[row]
+            if gone is not None:  # (17d): they are right along the way that was gone
+                left = change - np.tensordot(gone, slopes, 1)
+                slopes += np.multiply.outer(gone / (gone @ gone), left)
+            back = inverse.values[row]
+            if not np.isfinite(back[0, 0]):
+                continue
+            off = back.T @ slopes
+            off *= scale.values[row]
+            off = off.reshape(len(off), -1)
+            found = off @ off.T
+            if not np.isfinite(found).all():
+                off[~np.isfinite(off).all(axis=1)] = UNTOLD / np.sqrt(off.shape[1])
+                found = off @ off.T
+            growth.values[row] = found
+            fastest = np.sqrt(found.diagonal().max())
+            least.values[row] = LEAST_GROWN * fastest, max(UNTOLD, fastest)
+        self._due.clear()
+        growth.send()
+        least.send()
 
     def compare(self) -> None:
         """The next sample, however short its way: something else has changed."""

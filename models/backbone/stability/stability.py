@@ -100,13 +100,14 @@ class BackboneStability(StabilityAnalysis):
         if not self.has_potential.all():
             return False
         own: SureStability = problem.tool("surely stable", lambda: SureStability(problem))
-        # by as many nodes as the last look called for, then by as many as this one does
-        tried = 0
-        while tried <= own.needed < MOST_NODES_AT_FIRST - 1:
-            segments = ceil(own.needed + 1e-6)  # as whole numbers decide
-            tried = problem.tool(("nodes", segments), partial(self._nodes_for, own.needed))
+        # by as many nodes as looks of late called for, then by as many as this one does
+        tried, needed = 0, min(own.usual, MOST_NODES_AT_FIRST - 2.0)
+        while tried <= needed < MOST_NODES_AT_FIRST - 1:
+            segments = ceil(needed + 1e-6)  # as whole numbers decide
+            tried = problem.tool(("nodes", segments), partial(self._nodes_for, needed))
             if own.holds(tried):
                 return True
+            needed = own.needed
         return False
 
     def unstable(self) -> NDArray[np.bool_]:  # noqa: D102

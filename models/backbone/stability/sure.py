@@ -1,5 +1,6 @@
 """Stability of few instances that is beyond doubt, in one launch: of most results nothing else is asked."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,8 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
+
+LATE = 8  # looks
 
 
 def may_be_sure(problem: "BackboneProblem") -> bool:
@@ -45,12 +48,18 @@ class SureStability:
 
     Attributes:
         needed: Segments that the last look called for; 0 before the first.
+        usual: The most that looks of late called for: one that comes short costs more than nodes that were not called for.
     """
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self._problem = problem
         self.needed = 0.0
+        self._late: deque[float] = deque([0.0], maxlen=LATE)
         self._looks: dict[int, _Look | None] = {}  # by nodes; None where a kernel cannot launch others
+
+    @property
+    def usual(self) -> float:  # noqa: D102
+        return max(self._late)
 
     def holds(self, nodes: int) -> bool:
         """Whether all instances are stable at the problem's unknowns, by so many nodes; False says nothing."""
@@ -61,6 +70,7 @@ class SureStability:
             return False
         look.launch()
         self.needed = float(look.needed.max())
+        self._late.append(self.needed)
         return bool(look.sure.all())
 
     def _made(self, nodes: int) -> "_Look | None":

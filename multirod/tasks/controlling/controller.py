@@ -290,6 +290,7 @@ class Controller(Uncopied, Generic[Robot_co]):
     def _sample(self, kind: Kind, seen: tuple[int, int]) -> Command[Robot_co]:
         self._step.given["seen"][:] = seen
         problem = self._task.problem
+        self._watch.catch_up()
         with problem.alone:
             problem.integrate()
             record, told, status, doubt = self._step.launch(kind)

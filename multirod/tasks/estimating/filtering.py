@@ -192,6 +192,7 @@ class _FilterTrack(Track):
             if not self._placed:
                 self.task.write(known.unknowns, known.mean)
                 self._placed = True
+            self._watch.catch_up()
             self.task.integrate()
             self._tell()
             for shared in self._sent:

@@ -16,6 +16,7 @@ from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
 from multirod.tasks.reaching.drive_kernels import SETTINGS, Drive
+from multirod.tasks.reaching.goals import Place
 from multirod.tasks.reaching.search_kernels import make_search
 from multirod.tasks.rows import Kind, row_count
 from multirod.types import WarpArray
@@ -45,6 +46,7 @@ class DriveArrays:
 
     Attributes:
         values: NumPy's arrays by the names of ``Drive``, those of the limits of steps by ``step_limits``.
+        places: Of these where instances start, were last and are, and where they found a fold.
         limits: Rows of limits whose numbers are in ``values``; None are none.
     """
 
@@ -79,6 +81,7 @@ class DriveArrays:
         self._state.step = programme(count, m, k, c, device)
         self._share(self._state.step, "limits", wp.zeros((c, k), dtype=wp.float64, device=device), key="step_limits")
         self.values = {name: each.values for name, each in self._shared.items()}
+        self.places = [Place(self.values[f"{name}_x"], self.values[f"{name}_p"]) for name in ("start", "last", "here", "fold")]
         self._same = wp.get_device(device).is_cpu
         self._make = _maker(device)
         self._launch = record(self._make, count, [self._state, Calls(), 0], device)

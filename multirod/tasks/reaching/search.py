@@ -77,9 +77,7 @@ class Search:
         settings[LENGTH], settings[TOLERANCE] = goals.length, goals.tolerance
         settings[POSITION_WEIGHT : ANGLE_WEIGHT + 1] = rows.weight
         settings[SHAPED], settings[PULLED] = goals.of_shape is not None, goals.centre is not None
-        self.start, self.last, self.here, self._fold = (
-            Place(values[f"{name}_x"], values[f"{name}_p"]) for name in ("start", "last", "here", "fold")
-        )
+        self.start, self.last, self.here, self._fold = self._arrays.places
         for place in (self.start, self.last, self.here):
             place.x[:], place.p[:] = x, p
         self.status, self.integrations, self.iterations = (values[name] for name in ("status", "integrations", "iterations"))
