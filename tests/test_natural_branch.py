@@ -153,7 +153,7 @@ def test_a_motion_in_coarse_samples_is_the_one_in_fine_ones(place):
 def test_bounds_of_two_equal_tubes(root):
     robot = equal_tubes(root)
     problem = robot.problem(robot.inputs(rotation=(0, 1)), integrator=mr.RK4(20))
-    np.testing.assert_allclose(problem.mode_bounds()[0], (root**2 / 2, root**2 / 6), rtol=1e-12)
+    np.testing.assert_allclose(problem.mode_bounds()[0], (root**2 / 2, root**2 / 10), rtol=1e-12)
 
 
 def eigenvalues(problem, elements=200):

@@ -59,22 +59,28 @@ def bound_modes(
         moment = force[:, None] * (tips[:, -1:] - middle)
         load = (size * (force[:, None] * bent + moment / together * (twist * bend).max(axis=2))).sum(axis=1)
         load += np.sqrt((moment**2 * bent * each).sum(axis=1))
-    # (15) the direction that is pulled most
+    # (15) d, of the direction that is pulled most
     whole = (size[..., None, None] * pulled).sum(axis=1)
     direction = np.linalg.eigh(whole)[1][:, :, -1] / np.sqrt(np.where(constrained > 0, constrained, np.inf))
     first = (size * np.linalg.eigvalsh(pulled)[..., -1]).sum(axis=1)
     trace = (size * _over_rods(own * twist)).sum(axis=1)
 
-    def taken(twist: FloatArray) -> FloatArray:
-        """r . P r"""
-        reach = np.minimum(twist, constrained[:, None]) * direction[:, None]
-        along = _over_rods(bend * reach)
-        return np.asarray((pull * _over_rods(bend * reach * reach) - along * along) / together)
-
-    before, after = taken(at_cuts[:, :-1]), taken(at_cuts[:, 1:])
-    removed = (size * (before / 6 + taken(twist) * (4 / 6) + after / 6)).sum(axis=1)
-    scale = np.maximum(_over_rods(direction**2 * constrained), 1e-300)
-    return np.stack([first + load, trace - removed / scale + load], axis=1)
+    # r, and P r, which is linear along each stretch
+    reach = np.minimum(at_cuts, constrained[:, None]) * direction[:, None]
+    left, right = (
+        bend * (pull[..., None] * turn - _over_rods(bend * turn)[..., None]) / together[..., None]
+        for turn in (reach[:, :-1], reach[:, 1:])
+    )
+    # the torques that this adds up to, quadratic along it: what they store, and the work of P r on r
+    long, rise = size[..., None], 0.5 * (right - left)
+    added = long * (left + rise)
+    carried = np.cumsum(added[:, ::-1], axis=1)[:, ::-1]
+    beyond = carried - added
+    squared = beyond * (beyond + long * (left + 4 / 3 * rise)) + long**2 * (left * (left / 3 + 5 / 6 * rise) + 8 / 15 * rise**2)
+    stored = _over_rods((np.diff(at_cuts, axis=1) * squared).sum(axis=1) + at_cuts[:, 0] * carried[:, 0] ** 2)
+    work = left * (2 * reach[:, :-1] + reach[:, 1:]) + right * (reach[:, :-1] + 2 * reach[:, 1:])
+    work = np.maximum(_over_rods((long * work).sum(axis=1)) / 6, 1e-300)
+    return np.stack([first + load, trace - stored / work + load], axis=1)
 
 
 def _over_rods(values: FloatArray) -> FloatArray:
