@@ -168,6 +168,19 @@ def make_jacobi(kind, entry, put):
     return diagonalise
 
 
+@wp.func
+def entry_of_array(matrix: wp.array3d[wp.float64], t: int, i: int, j: int) -> f64:
+    return matrix[t, i, j]
+
+
+@wp.func
+def put_in_array(matrix: wp.array3d[wp.float64], t: int, i: int, j: int, value: f64):
+    matrix[t, i, j] = value
+
+
+jacobi = make_jacobi(wp.array3d[wp.float64], entry_of_array, put_in_array)
+
+
 @cache
 def make_linear_algebra(n: int):
     """Functions on n x n matrices: ``solve`` (LU), ``cholesky``, ``eigen`` (Jacobi), and the types they take."""

@@ -3,7 +3,7 @@
 
 import warp as wp
 
-from multirod.kernels.linear_algebra_kernels import make_jacobi
+from multirod.kernels.linear_algebra_kernels import jacobi
 
 f64 = wp.float64
 
@@ -29,19 +29,6 @@ def is_definite(form: wp.array3d[wp.float64], room: wp.array3d[wp.float64], t: i
             else:
                 found = False
     return found
-
-
-@wp.func
-def entry(matrix: wp.array3d[wp.float64], t: int, i: int, j: int) -> f64:
-    return matrix[t, i, j]
-
-
-@wp.func
-def put(matrix: wp.array3d[wp.float64], t: int, i: int, j: int, value: f64):
-    matrix[t, i, j] = value
-
-
-jacobi = make_jacobi(wp.array3d[wp.float64], entry, put)
 
 
 @wp.func(inline=False)

@@ -18,7 +18,7 @@ from multirod.models.backbone.stability.condensing.second_variation import (
     segments_needed,
 )
 from multirod.models.backbone.stability.condensing.tensions import with_conditions
-from multirod.models.backbone.stability.mode_bounds import bound_modes
+from multirod.models.backbone.stability.mode_bounds import ModeBounds
 from multirod.models.backbone.stability.sure import SureStability, may_be_sure
 from multirod.profile import DEGREE
 from multirod.segments import Breakpoints
@@ -320,12 +320,8 @@ class BackboneStability(StabilityAnalysis):
         features = self.problem.features
         if len(self.problem.rods) == 1 or self.problem.held or not features.torsion or features.eccentric or features.members:
             return super().mode_bounds()
-        inputs = self.problem.read("inputs")
-        EI, kappa = self.problem.sizes.by_section
-        start, force = inputs[:, self.problem.input_slice("translation")], self._dead_load()
-        end, compliance = self.problem.each(self.problem.arrays.end), self.problem.each(self.problem.arrays.material[..., 5])
-        given = np.concatenate([start, force[:, None]], axis=1)
-        bounds = self.problem.found_for("mode_bounds", given, lambda: bound_modes(start, end, compliance, EI, kappa, force))
+        own: ModeBounds = self.problem.tool("mode bounds", lambda: ModeBounds(self.problem))
+        bounds = own.under(self._dead_load())
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
         bounds[~self.has_potential, 1] = np.inf
         if self.problem.features.anisotropic or any(
