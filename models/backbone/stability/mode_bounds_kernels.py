@@ -118,104 +118,116 @@ def turned(b: wp.ref[Bounds], t: int, i: int, row: int) -> f64:
     return wp.min(b.rows[t, row, i], b.rows[t, wp.static(HELD), i]) * b.rows[t, wp.static(D), i]
 
 
+@wp.func
+def traced(b: wp.ref[Bounds], t: int):
+    """(14), the trace of (15), and what dead forces add to both; ``whole`` is the sum of all stretches' matrices."""
+    n = b.end.shape[1]
+    stretches = b.cuts.shape[1] - 1
+    last = b.cuts[t, stretches]
+    force = b.force[t]
+    for i in range(n):
+        for j in range(n):
+            b.whole[t, i, j] = f64(0.0)
+    first = f64(0.0)
+    trace = f64(0.0)
+    load = f64(0.0)
+    squared = f64(0.0)
+    bent = f64(0.0)
+    for k in range(stretches):
+        see(b, t, k)
+        if b.together[t, k] > f64(0.0):
+            size = b.cuts[t, k + 1] - b.cuts[t, k]
+            middle = b.cuts[t, k] + f64(0.5) * size
+            share = size / b.together[t, k]
+            pull = f64(0.0)
+            most = f64(0.0)
+            for i in range(n):
+                own = twist(b, t, i, middle)
+                pull += b.bend[t, k, i]
+                most = wp.max(most, own * b.bend[t, k, i])
+                b.rows[t, wp.static(BEFORE), i] = own
+            for i in range(n):
+                own = b.rows[t, wp.static(BEFORE), i]
+                for j in range(n):
+                    rooted = wp.sqrt(own * b.rows[t, wp.static(BEFORE), j])
+                    b.matrix[t, i, j] = -share * b.bend[t, k, i] * b.bend[t, k, j] * rooted
+                b.matrix[t, i, i] = share * b.bend[t, k, i] * (pull - b.bend[t, k, i]) * own
+                trace += b.matrix[t, i, i]
+            for i in range(n):
+                for j in range(n):
+                    b.whole[t, i, j] += b.matrix[t, i, j]
+            best = largest(b, t)
+            first += b.matrix[t, best, best]
+            # the force turns the frame, the moment bends what pulls
+            moment = force * (last - middle)
+            along = bent + f64(0.5) * share
+            load += size * force * along + moment * share * most
+            squared += moment * moment * along * share
+            bent += share
+    return first, trace, load + wp.sqrt(squared)
+
+
+@wp.func
+def quotient(b: wp.ref[Bounds], t: int, second: f64) -> f64:
+    """Schwarz's of (15), which the first eigenvalue is no less than; ``second`` is s_p."""
+    n = b.end.shape[1]
+    stretches = b.cuts.shape[1] - 1
+    for i in range(n):
+        for j in range(n):
+            b.matrix[t, i, j] = b.whole[t, i, j]
+    best = largest(b, t)
+    for i in range(n):
+        held = twist(b, t, i, second)
+        b.rows[t, wp.static(HELD), i] = held
+        b.rows[t, wp.static(D), i] = f64(0.0)
+        if held > f64(0.0):
+            b.rows[t, wp.static(D), i] = b.vectors[t, i, best] / wp.sqrt(held)
+        b.rows[t, wp.static(TORQUE), i] = f64(0.0)
+        b.rows[t, wp.static(AFTER), i] = twist(b, t, i, b.cuts[t, stretches])
+    work = f64(0.0)
+    stored = f64(0.0)
+    for back in range(stretches):
+        k = stretches - 1 - back
+        if b.together[t, k] > f64(0.0):
+            share = (b.cuts[t, k + 1] - b.cuts[t, k]) / b.together[t, k]
+            pull = f64(0.0)
+            left = f64(0.0)
+            right = f64(0.0)
+            for i in range(n):
+                b.rows[t, wp.static(BEFORE), i] = twist(b, t, i, b.cuts[t, k])
+                pull += b.bend[t, k, i]
+                left += b.bend[t, k, i] * turned(b, t, i, wp.static(BEFORE))
+                right += b.bend[t, k, i] * turned(b, t, i, wp.static(AFTER))
+            for i in range(n):
+                r0 = turned(b, t, i, wp.static(BEFORE))
+                r1 = turned(b, t, i, wp.static(AFTER))
+                # P r at both ends, between which it is linear, times their distance
+                a = share * b.bend[t, k, i] * (pull * r0 - left)
+                c = share * b.bend[t, k, i] * (pull * r1 - right)
+                work += (a * (f64(2.0) * r0 + r1) + c * (r0 + f64(2.0) * r1)) / f64(6.0)
+                # tau, quadratic between them
+                torque = b.rows[t, wp.static(TORQUE), i]
+                rise = f64(0.5) * (c - a)
+                square = torque * (torque + a + f64(4.0) / f64(3.0) * rise)
+                square += a * (a / f64(3.0) + f64(5.0) / f64(6.0) * rise) + f64(8.0) / f64(15.0) * rise * rise
+                stored += (b.rows[t, wp.static(AFTER), i] - b.rows[t, wp.static(BEFORE), i]) * square
+                b.rows[t, wp.static(TORQUE), i] = torque + a + rise
+                b.rows[t, wp.static(AFTER), i] = b.rows[t, wp.static(BEFORE), i]
+    for i in range(n):  # behind the plate
+        stored += twist(b, t, i, f64(0.0)) * b.rows[t, wp.static(TORQUE), i] * b.rows[t, wp.static(TORQUE), i]
+    return stored / wp.max(work, f64(wp.static(LEAST)))
+
+
 @cache
 def make_mode_bounds():
-    """The kernel that finds (14) and (15), and what dead forces add to both."""
+    """The kernel that finds both bounds."""
 
     @own_module(max_unroll=1)
     def mode_bounds(b: Bounds):
         t = wp.tid()
-        n = b.end.shape[1]
-        stretches = b.cuts.shape[1] - 1
         second = cut(b, t)
-        last = b.cuts[t, stretches]
-        force = b.force[t]
-        for i in range(n):
-            for j in range(n):
-                b.whole[t, i, j] = f64(0.0)
-        first = f64(0.0)
-        trace = f64(0.0)
-        load = f64(0.0)
-        squared = f64(0.0)
-        bent = f64(0.0)
-        for k in range(stretches):
-            see(b, t, k)
-            if b.together[t, k] > f64(0.0):
-                size = b.cuts[t, k + 1] - b.cuts[t, k]
-                middle = b.cuts[t, k] + f64(0.5) * size
-                share = size / b.together[t, k]
-                pull = f64(0.0)
-                most = f64(0.0)
-                for i in range(n):
-                    own = twist(b, t, i, middle)
-                    pull += b.bend[t, k, i]
-                    most = wp.max(most, own * b.bend[t, k, i])
-                    b.rows[t, wp.static(BEFORE), i] = own
-                for i in range(n):
-                    own = b.rows[t, wp.static(BEFORE), i]
-                    for j in range(n):
-                        rooted = wp.sqrt(own * b.rows[t, wp.static(BEFORE), j])
-                        b.matrix[t, i, j] = -share * b.bend[t, k, i] * b.bend[t, k, j] * rooted
-                    b.matrix[t, i, i] = share * b.bend[t, k, i] * (pull - b.bend[t, k, i]) * own
-                    trace += b.matrix[t, i, i]
-                for i in range(n):
-                    for j in range(n):
-                        b.whole[t, i, j] += b.matrix[t, i, j]
-                best = largest(b, t)
-                first += b.matrix[t, best, best]
-                # what the loads add: the force turns the frame, the moment bends what pulls
-                moment = force * (last - middle)
-                along = bent + f64(0.5) * share
-                load += size * force * along + moment * share * most
-                squared += moment * moment * along * share
-                bent += share
-        load += wp.sqrt(squared)
-
-        # (15) d, of the direction that is pulled most
-        for i in range(n):
-            for j in range(n):
-                b.matrix[t, i, j] = b.whole[t, i, j]
-        best = largest(b, t)
-        for i in range(n):
-            held = twist(b, t, i, second)
-            b.rows[t, wp.static(HELD), i] = held
-            b.rows[t, wp.static(D), i] = f64(0.0)
-            if held > f64(0.0):
-                b.rows[t, wp.static(D), i] = b.vectors[t, i, best] / wp.sqrt(held)
-            b.rows[t, wp.static(TORQUE), i] = f64(0.0)
-            b.rows[t, wp.static(AFTER), i] = twist(b, t, i, last)
-        work = f64(0.0)
-        stored = f64(0.0)
-        for back in range(stretches):
-            k = stretches - 1 - back
-            if b.together[t, k] > f64(0.0):
-                share = (b.cuts[t, k + 1] - b.cuts[t, k]) / b.together[t, k]
-                pull = f64(0.0)
-                left = f64(0.0)
-                right = f64(0.0)
-                for i in range(n):
-                    b.rows[t, wp.static(BEFORE), i] = twist(b, t, i, b.cuts[t, k])
-                    pull += b.bend[t, k, i]
-                    left += b.bend[t, k, i] * turned(b, t, i, wp.static(BEFORE))
-                    right += b.bend[t, k, i] * turned(b, t, i, wp.static(AFTER))
-                for i in range(n):
-                    r0 = turned(b, t, i, wp.static(BEFORE))
-                    r1 = turned(b, t, i, wp.static(AFTER))
-                    # P r at both ends, between which it is linear, times their distance
-                    a = share * b.bend[t, k, i] * (pull * r0 - left)
-                    c = share * b.bend[t, k, i] * (pull * r1 - right)
-                    work += (a * (f64(2.0) * r0 + r1) + c * (r0 + f64(2.0) * r1)) / f64(6.0)
-                    # the torque, quadratic between them
-                    torque = b.rows[t, wp.static(TORQUE), i]
-                    rise = f64(0.5) * (c - a)
-                    square = torque * (torque + a + f64(4.0) / f64(3.0) * rise)
-                    square += a * (a / f64(3.0) + f64(5.0) / f64(6.0) * rise) + f64(8.0) / f64(15.0) * rise * rise
-                    stored += (b.rows[t, wp.static(AFTER), i] - b.rows[t, wp.static(BEFORE), i]) * square
-                    b.rows[t, wp.static(TORQUE), i] = torque + a + rise
-                    b.rows[t, wp.static(AFTER), i] = b.rows[t, wp.static(BEFORE), i]
-        for i in range(n):  # behind the plate
-            stored += twist(b, t, i, f64(0.0)) * b.rows[t, wp.static(TORQUE), i] * b.rows[t, wp.static(TORQUE), i]
+        first, trace, load = traced(b, t)
         b.bounds[t, 0] = first + load
-        b.bounds[t, 1] = trace - stored / wp.max(work, f64(wp.static(LEAST))) + load
+        b.bounds[t, 1] = trace - quotient(b, t, second) + load
 
     return mode_bounds
