@@ -12,6 +12,7 @@ import multirod as mr
 from multirod.models.backbone.equal_steps import step_counts
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.rotations import vectors
+from multirod.solvers.following.descent import Points, Turns
 
 PIECES = 6
 STEEP = {name: value for name, value in GIVEN.items() if name != "moment"}  # loads with a potential
@@ -104,6 +105,35 @@ def test_forces_are_the_slope_of_the_potential():
     """(25) Of bodies, springs in joints of all kinds, a tip that is free; of where holes are, and turns in them."""
     hold_forces_against_the_potential(mixed(), STEEP, push=0.05)
     hold_forces_against_the_potential(threaded(), SLIDING, push=0.005)
+
+
+def slope_of(problem, x):
+    """The energy at unknowns (1, n), to second order."""
+    turns = Turns(problem.conjugates)
+    residual, gamma = problem.evaluate(x)
+    unit, turned = turns.after(gamma)
+    moved = problem.pose_columns.numpy()[:, None, :3, : problem.unknown_count]
+    pose = problem.read("position"), problem.read("rotation").reshape(-1, 1, 3, 3)
+    points = Points(x, np.ones(1), residual, gamma, turns.forces, unit, turned, moved, *pose, turns.stiffness)
+    return points.slopes.slope(0)
+
+
+def test_the_slope_after_a_step_is_foretold_to_first_order():
+    """(9) Far from any equilibrium, where ``A`` is not symmetric: what is missed falls by four as the step is halved."""
+    robot = mixed()
+    problem = robot.problem(robot.inputs(**STEEP), integrator=mr.RK4(200), pose_sensitivities=True)
+    found = mr.solve(robot, robot.inputs(**STEEP), solver=mr.Shooting(integrator=mr.RK4(200))).raise_if_failed()
+    rng, x = np.random.default_rng(0), np.array(found.unknowns)[None]
+    for push in (0.1, *[0.0] * 6):  # then back to the constraints
+        slope = slope_of(problem, x)
+        x = x + slope.back + slope.change(slope.modes @ (push * rng.normal(size=len(slope.values)) / np.maximum(1, slope.values)))
+    slope = slope_of(problem, x)
+    assert np.abs(slope.slopes - slope.slopes.T).max() > 0.1  # of K/L
+    way, missed = rng.normal(size=len(slope.values)) / np.maximum(1, slope.values), []
+    for size in (2e-3, 1e-3):
+        there = slope_of(problem, x + slope.change(slope.modes @ (size * way)))
+        missed.append(slope.missed(size * way, there))
+    np.testing.assert_allclose(missed[0] / missed[1], 4.0, rtol=0.05)  # what is of the third order in steps of this size
 
 
 def test_there_is_a_potential_while_the_network_is_put_together():

@@ -94,12 +94,13 @@ def test_what_is_not_chosen_takes_no_integration():
     assert outcome.integrations[1] == 0 < outcome.integrations[0]
 
 
-def test_the_path_from_the_network_taken_apart_has_a_potential():
-    """(12), (29): the second variation is symmetric on the way, where bases turn and balls have springs: else what comes to the
-    end of a branch there has nothing to go down in."""
+@pytest.mark.parametrize("aside", [None, 3])
+def test_the_path_from_the_network_taken_apart_has_a_potential(aside):
+    """(12), (29): the second variation is symmetric on the way, where bases turn and balls have springs, and where bodies begin
+    aside: else what comes to the end of a branch there has nothing to go down in."""
     drawn = draw(76)
     problem = drawn.robot.problem(drawn.inputs, integrator=RK4)
-    x = problem.guess()
+    x = problem.guess() if aside is None else problem.joints.apart(np.array([aside]))
     assert problem.closing.soft.all()
     for level in (0.1, 0.2):
         with problem.everyone(), problem.at_load(level):
@@ -120,6 +121,19 @@ def test_what_buckles_on_the_way_is_followed():
     solution = mr.solve(drawn.robot, drawn.inputs)
     assert solution.status == mr.Status.SNAPPED
     assert solution.stability == mr.Stability.STABLE
+    assert violation(drawn, solution) < 1e-6  # the default integrator promises as much
+
+
+# what is put together unstable; what has to go far down by clamps; the first again; what is put together aside; under moments
+@pytest.mark.parametrize(
+    ("seed", "stability"), [(5927, "STABLE"), (7340, "STABLE"), (9037, "STABLE"), (12144, "STABLE"), (12172, "UNKNOWN")]
+)
+def test_what_is_hard_to_put_together_comes_to_rest(seed, stability):
+    """In a part of what it may take: its energy has minima, or damped dynamics rest."""
+    drawn = draw(seed)
+    solution = mr.solve(drawn.robot, drawn.inputs, solver=mr.Shooting(max_integrations=10_000))
+    assert not solution.failed
+    assert solution.stability.name == stability
     assert violation(drawn, solution) < 1e-6  # the default integrator promises as much
 
 

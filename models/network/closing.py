@@ -77,22 +77,22 @@ class Closing:
         What the residual is there is remembered and closes as ``load_factor`` goes from 0 to 1, (12).
         """
         apart = self.apart()
-        held = np.flatnonzero(self.problem.graph.ends[1].held)
-        gaps, residual = self.problem.places[held, GAP_AT], np.array(apart.residual)
-        # (29) in the frames of what holds the tips
-        gap = self.problem.length[:, held, None] ** 2 * residual[:, gaps]
-        self.shift[:, held] = (apart.turned[:, held] @ gap[..., None])[..., 0]
-        residual[:, gaps] = 0.0
-        self.open_at(apart.unknowns, residual)
+        self.open_at(apart.unknowns, apart.residual, apart.turned)
         return np.array(apart.unknowns)
 
-    def open_at(self, unknowns: FloatArray, residual: FloatArray) -> None:
-        """Make ``unknowns`` an equilibrium where ``load_factor`` is 0, by the residual there.
+    def open_at(self, unknowns: FloatArray, residual: FloatArray, turned: FloatArray) -> None:
+        """Make ``unknowns`` an equilibrium where ``load_factor`` is 0, by the residual there and what ``Apart.turned`` is there.
 
         Ends of rods give way on the way only where no rod carries a force yet.
         """
+        held = np.flatnonzero(self.problem.graph.ends[1].held)
+        gaps, self.opening[:] = self.problem.places[held, GAP_AT], residual
+        # (29) in the frames of what holds the tips
+        gap = self.problem.length[:, held, None] ** 2 * residual[:, gaps]
+        self.shift[:], self.opening[:, gaps] = 0.0, 0.0
+        self.shift[:, held] = (turned[:, held] @ gap[..., None])[..., 0]
         forces = unknowns[:, self.problem._forces(np.arange(self.problem.rod_count))]
-        self.opening[:], self.soft[:] = residual, (np.abs(forces).max(axis=1) < AT_REST * self.problem.curvature_scale())
+        self.soft[:] = np.abs(forces).max(axis=1) < AT_REST * self.problem.curvature_scale()
 
     def singular_value(self) -> FloatArray:
         """That at ``guess``, 1 at most."""

@@ -141,9 +141,14 @@ def taken_apart(problem: "NetworkProblem", inputs: FloatArray) -> Apart:
         _place(problem, x)
         problem.write("unknowns", x)
         problem._assemble()
-        gamma, (base, tip) = np.array(problem.closing.numbers()), problem.state().ends
-        turned = problem.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation
-        return Apart(inputs, x, problem.read("residual"), gamma, turned, beams)
+        gamma = np.array(problem.closing.numbers())
+        return Apart(inputs, x, problem.read("residual"), gamma, _turned(problem), beams)
+
+
+def _turned(problem: "NetworkProblem") -> FloatArray:
+    """``Apart.turned`` at the present unknowns."""
+    base, tip = problem.state().ends
+    return np.asarray(problem.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation)
 
 
 def _place(problem: "NetworkProblem", x: FloatArray) -> None:
@@ -237,7 +242,7 @@ class NetworkJoints(Joints):
         self.shut()
         with problem.everyone(), problem.at_load(0.0):
             residual = problem.evaluate(unknowns)[0]
-        problem.closing.open_at(unknowns, residual)
+        problem.closing.open_at(unknowns, residual, _turned(problem))
 
     def together(self) -> Together:
         """(30) By Newton's method from the network taken apart, where its steps soon become much shorter."""

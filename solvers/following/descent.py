@@ -110,6 +110,7 @@ class Slope:
         back: The one that meets the constraints, shape (n,).
         facing: Sign of the determinant of what ``ways`` is the inverse of.
         stiffness: ``K/L`` [N m].
+        slopes: How the gradient changes with them over ``K/L``, (2), shape (m, m): symmetric at an equilibrium.
         clamps: Whose turns stand last among the displacements.
     """
 
@@ -120,6 +121,7 @@ class Slope:
     back: FloatArray
     facing: float
     stiffness: float
+    slopes: FloatArray
     clamps: int = 0
 
     @property
@@ -153,7 +155,7 @@ class Slope:
 
     def missed(self, turn: FloatArray, found: "Slope") -> float:
         """(9) By how much the slope found after a turn in each mode is not that foretold, in turns that make up for it [rad]."""
-        foretold = self.along + self.values * turn
+        foretold = self.along + self.modes.T @ (self.slopes @ (self.modes @ turn))
         return float(
             (np.abs(self.modes.T @ found.gradient / self.stiffness - foretold) / np.maximum(np.abs(self.values), 1)).max()
         )
@@ -264,6 +266,7 @@ class Slopes:
         values, modes = np.linalg.eigh(H)
         self.fit, self.gradient, self.stiffness = fit, gradient, points.stiffness
         self.values, self.modes = values / points.stiffness[:, None], modes
+        self.by_turns = A / points.stiffness[:, None, None]
         self.ways, self.back = inverse[:, :, :m], back
         self.facing = np.linalg.slogdet(np.where(fit[:, None, None], both, np.eye(n)))[0]
         self._clamps = points.frames.shape[1] - 1
@@ -284,6 +287,7 @@ class Slopes:
             self.back[k],
             float(self.facing[k]),
             float(self.stiffness[k]),
+            self.by_turns[k],
             self._clamps,
         )
 

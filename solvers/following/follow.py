@@ -43,8 +43,8 @@ def follow(
     side: int,
     before: FloatArray | None = None,
 ) -> dict[int, Journey]:
-    """Let the ``chosen`` instances go on from where their branches ended; what comes to the end of its way is put into the
-    problem's buffers and the outcome.
+    """Let the ``chosen`` instances go on from where their branches ended, or down from what is unstable at the end of its way;
+    what comes to that end is put into the problem's buffers and the outcome.
 
     Args:
         problem: At the inputs where the way ends.
@@ -67,7 +67,8 @@ def follow(
         return lost
     if stability.multistable and before is None and problem.joints is None and not parts.may_be_clamped:
         return lost
-    chosen, potential = chosen & (reached < 1), stability.has_potential
+    potential = stability.has_potential
+    chosen = chosen & ((reached < 1) | (potential & (outcome.status == Status.UNSTABLE)))
     segmented = problem.segments is not None and bool(chosen.any())
     singular = SINGULAR * problem.natural_singular_value if segmented else np.full(problem.instance_count, np.inf)
 

@@ -60,6 +60,9 @@ class Journey(Walk):
 
     def _run(self) -> Run:
         point = yield from self._at(self.start, self.level)
+        if self.level == 1:
+            yield from self._fall(point)
+            return
         # what is not quite in balance shows a neutral mode by as much
         soft = int((np.linalg.svd(np.nan_to_num(point.gamma), compute_uv=False)[1:] < NEARLY).sum())
         found, _ = yield from self._correct(self.start, self.level, soft)
@@ -101,16 +104,25 @@ class Journey(Walk):
         else:
             self.status = Status.UNSTABLE
 
+    def _fall(self, point: Point) -> Run:
+        """Down from what is unstable at the end of its way."""
+        self.status = Status.UNSTABLE
+        landed = yield from self._leave(point)
+        if landed is not None:
+            self.status = Status.CONVERGED
+            self.end, _, self.neutral = landed
+
     def _run_damped(self, point: Point) -> Run:
-        """The same by damped dynamics, (11), wherever the branch ends."""
+        """The same by damped dynamics, (11), wherever the branch ends: in longer steps where none can be followed on."""
+        farthest = 0.0
         for landings in range(MOST_EVENTS):
             if point.level == 1:
                 self.status, self.end = Status.DAMPED if landings else Status.CONVERGED, point
                 return
-            step = FAR_BEYOND if self.by_inputs else FAR_BEYOND * max(point.level, FAR_BEYOND)
+            step = max(farthest, FAR_BEYOND if self.by_inputs else FAR_BEYOND * max(point.level, FAR_BEYOND))
             landed = None
-            while landed is None:
-                level = min(1.0, point.level + step)
+            for longer in (step, 4 * step, 1.0):
+                level = min(1.0, point.level + longer)
                 most = min(SETTLING, self.allowed - self.integrations)
                 if most <= 0:
                     raise Spent
@@ -119,10 +131,12 @@ class Journey(Walk):
                 self.iterations += taken
                 if found is not None:
                     landed, _ = yield from self._correct(found, level, 0)
-                if landed is None and level == 1.0:
-                    return
-                step *= 4
+                if landed is not None or level == 1.0:
+                    break
+            if landed is None:
+                return
             point = yield from self._along(landed, 0)
+            farthest = 4 * longer if point.level == landed.level else 0.0
 
     def _at_rest(self, unknowns: FloatArray, level: float, neutral: int) -> Run:
         """The equilibrium without clamps that they lead to."""

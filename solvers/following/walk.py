@@ -22,7 +22,9 @@ NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a bran
 POLISHED = 1e-2  # of the unknowns at the end of the way, by which other equations may move it slowly
 CLAMPED_STEPS = 400  # of a descent by the turns of clamps
 RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
-SHORTEST_CLAMPED = 1e-4  # part of it
+LEAST_RADIUS = 0.005  # the same where steps are short [rad]
+SHORTEST_CLAMPED = 1e-4  # part of a step
+LONGER = 4.0  # times the part of the last step, that is tried of the next
 MISSED = 0.2  # part of a step, by which it may have been wrong
 OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
 ALONG_VALLEY = 20  # steps along a valley, after which it is followed
@@ -257,6 +259,8 @@ class Walk:
             point, slope = trial, found
             if point.size <= self.within and slope.values[0] >= -SOFT:
                 return point
-            radius = min(RADIUS_CLAMPED, share * radius * (2 if off < 0.5 * allowed else 1))
-            share, turn = 1.0, slope.turn(radius)
+            # what leads back to where ends are held may be long, and is no turn: it shortens steps, the radius by so much alone
+            radius = min(RADIUS_CLAMPED, max(LEAST_RADIUS, share * radius) * (2 if off < 0.5 * allowed else 1))
+            share = min(1.0, LONGER * share)
+            turn = slope.turn(radius)
         return None

@@ -111,26 +111,31 @@ def _on_closing(event: BranchEvent) -> BranchEvent:
     return replace(event, load_factor=0.0, energy_lost=0.0 if event.status is Status.BIFURCATED else np.nan)
 
 
-def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray) -> Outcome:
+def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray, go_on: GoOn) -> Outcome:
     """Put every instance together at the places ``numbers`` (see ``Joints.apart``), joints and loads in proportion.
 
-    Where its branch ends on the way, it is followed by its arclength, back and forth through the folds, to where it meets the
-    full load with as many unstable modes as at the start, or two more, or four. Whether that is stable is for the caller to ask.
+    ``go_on`` leads on from where that ends, and down from what is unstable. What leads nowhere so is followed by its arclength,
+    back and forth through the folds, to where it meets the full load with as many unstable modes as at the start, or two more, or
+    four. Whether what that comes to is stable is for the caller to ask.
     """
-    joints = _joints(problem)
+    joints, everyone = _joints(problem), np.ones(problem.instance_count, dtype=bool)
     unknowns = joints.apart(numbers)
     with problem.everyone(), problem.at_load(0.0):
         sign = _signs(problem.evaluate(unknowns)[1])
-    sound = sign != 0
-    outcome = Paths(problem, newton, SETTLING_STEPS).raise_from(sound, unknowns, np.minimum(CLOSING_STEP, _safe_step(problem)))
-    outcome.status[~sound] = Status.SINGULAR_JACOBIAN
+    outcome = Paths(problem, newton, SETTLING_STEPS).raise_from(everyone, unknowns, np.minimum(CLOSING_STEP, _safe_step(problem)))
     outcome.integrations += 3
-    lost = sound & (outcome.status != Status.CONVERGED)
+    ends, left = problem.read("unknowns"), 1.0 - (np.zeros(len(sign)) if outcome.reached is None else outcome.reached)
+    whole = outcome.status == Status.CONVERGED
+    if whole.any() and problem.stability is not None:
+        with problem.everyone():
+            outcome.status[whole & problem.stability.unstable()] = Status.UNSTABLE
+        outcome.integrations += whole
+    go_on(problem, newton, outcome)
+    lost = failures(outcome.status) & ~whole & (sign != 0)
     if lost.any():
         joints.close(Loading.FULL)
-        joints.open(problem.read("unknowns"))
+        joints.open(np.where(lost[:, None], ends, problem.read("unknowns")))
         outcome.integrations += lost
-        left = 1.0 - (np.zeros(len(sign)) if outcome.reached is None else outcome.reached)
         through = _through_folds(problem, lost, sign, left, outcome, newton.allowed())
         joints.close(Loading.RISING)
         newton.run(through)

@@ -177,13 +177,13 @@ class ColdStart:
             self._go_on(self.chosen & (outcome.status == Status.BRANCH_END))
         newton.allow(self._allowed)
         if further is not None:
-            lowest_stable(problem, newton, outcome, self.lost, steps)
+            assemble(problem, newton, outcome, self.lost & ~ended, steps, further, closing=True)
             newton.allow(self._allowed)
-            assemble(problem, newton, outcome, self.lost, steps, further, closing=True)
+            lowest_stable(problem, newton, outcome, self.lost, steps, further)
 
     def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
-        """From where a branch ended in a part of all that one solve does."""
-        lost, reached = np.isin(outcome.status, (Status.BRANCH_END, Status.STALLED)), outcome.reached
+        """From where a branch ended in a part of all that one solve does, or from an unstable state that it led to."""
+        lost, reached = np.isin(outcome.status, (Status.BRANCH_END, Status.STALLED, Status.UNSTABLE)), outcome.reached
         if lost.any() and reached is not None:
             left = np.maximum(newton.allowed() - outcome.integrations, 0)
             go_on(self.options, problem, newton, outcome, lost, reached, problem.read("unknowns"), left=left)

@@ -11,7 +11,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.newton.iteration import Newton
-from multirod.solvers.starting.assembling import settle
+from multirod.solvers.starting.assembling import GoOn, settle
 from multirod.solvers.starting.continua import Curve, beside
 from multirod.stability import Stability, StabilityAnalysis
 from multirod.status import BoolArray, Status, failures
@@ -157,13 +157,15 @@ def refuse_unstable(problem: BoundaryProblem, outcome: Outcome, chosen: NDArray[
     outcome.integrations += found
 
 
-def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_], max_steps: int) -> None:
+def lowest_stable(
+    problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_], max_steps: int, go_on: GoOn
+) -> None:
     """Put the instances ``lost`` on their stable equilibrium of lowest potential energy, if one is found.
 
     Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken. They are told apart in
     double precision, and left so. Newton's method starts from many points; what comes apart is put together at several places
-    (``settle``), and where its loads have no potential, that is done without them: then they are raised, in ``max_steps`` at
-    most.
+    (``settle``), ``go_on`` leads on from where that ends, and where its loads have no potential, that is done without them: then
+    they are raised, in ``max_steps`` at most.
     """
     stability, parts = problem.stability, problem.parts
     if stability is None or not stability.multistable or parts is None or problem.starts is None or not lost.any():
@@ -172,7 +174,8 @@ def lowest_stable(problem: BoundaryProblem, newton: Newton, outcome: Outcome, lo
     lost = lost & ~raised
     if raised.any():
         raised &= ~problem.is_loose()  # which rests nowhere without its loads
-    for chosen, search in ((lost, _search), (raised, partial(_search_unloaded, max_steps=max_steps))):
+    ways = partial(_search, go_on=go_on), partial(_search_unloaded, max_steps=max_steps, go_on=go_on)
+    for chosen, search in zip((lost, raised), ways, strict=True):
         for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
             if not len(places):
                 continue
@@ -190,14 +193,14 @@ def _stability(problem: BoundaryProblem) -> StabilityAnalysis:
     return problem.stability
 
 
-def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int) -> Outcome:
+def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int, go_on: GoOn) -> Outcome:
     """The same as ``_search`` without loads, then where raising them leads, unless that is unstable."""
     assert problem.joints is not None
     after, before = problem.read("inputs"), problem.joints.unloaded_inputs()
     if before is None:
         return Outcome.zeros(problem.instance_count)
     problem.write("inputs", before)
-    outcome = _search(problem, newton)
+    outcome = _search(problem, newton, go_on=go_on)
     unknowns, gamma = problem.read("unknowns"), newton.gamma()
     problem.write("inputs", after)
     resting = outcome.status == Status.CONVERGED
@@ -213,14 +216,15 @@ def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int
     return outcome
 
 
-def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
+def _search(problem: BoundaryProblem, newton: Newton, *, go_on: GoOn) -> Outcome:
     """Leave every instance on the stable equilibrium of lowest potential energy that is found; where none is, as it was.
 
     What may not take all integrations of a round ends before it, undecided: fewer starts might miss the lowest.
     """
     outcome = Outcome.zeros(problem.instance_count)
     before = problem.read("unknowns")
-    catalogues = (_converged if problem.joints is None else _settled)(problem, newton, outcome)
+    apart = problem.joints is not None
+    catalogues = _settled(problem, newton, outcome, go_on) if apart else _converged(problem, newton, outcome)
     best, chosen = _lowest(problem, catalogues, before, outcome)
     chosen &= outcome.status != Status.INTEGRATION_LIMIT
     problem.write("unknowns", np.where(chosen[:, None], best, before))
@@ -233,7 +237,7 @@ def _search(problem: BoundaryProblem, newton: Newton) -> Outcome:
     return outcome
 
 
-def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list[Catalogue]:
+def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome, go_on: GoOn) -> list[Catalogue]:
     """Stable equilibria that each instance comes to rest at; what is counted is added to ``outcome``."""
     assert problem.parts is not None
     catalogues = [Catalogue(None) for _ in range(problem.instance_count)]
@@ -249,11 +253,11 @@ def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> list
         trial = problem.parts.of(rows)
         method = newton.of(trial, rows)
         method.allow(share[rows])
-        counts = settle(trial, method, np.tile(np.arange(first, first + SETTLED_ROUND), len(open_)))
+        counts = settle(trial, method, np.tile(np.arange(first, first + SETTLED_ROUND), len(open_)), go_on)
         np.add.at(outcome.iterations, rows, counts.iterations)
         np.add.at(outcome.integrations, rows, counts.integrations)
         unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
-        stable = (counts.status == Status.CONVERGED) & (_stability(trial).modes().stability == Stability.STABLE)
+        stable = ~failures(counts.status) & (_stability(trial).modes().stability == Stability.STABLE)
         for row in np.flatnonzero(stable):
             catalogues[rows[row]].add(unknowns[row], gamma[row])
         open_ = open_[[not catalogues[i].unknowns for i in open_]]
