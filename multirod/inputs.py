@@ -122,6 +122,9 @@ class Inputs(ReadOnly):
             spec = self._specs[name]
             if value is None and spec.optional:
                 continue
+            if isinstance(value, Mapping):
+                shape = f"(..., {spec.size(rod_count)})" if spec.per_rod or spec.count is not None else "(..., 3)"
+                refuse(name, value, f"must be numbers in their order, shape {shape}: by name they are given to a Network")
             if spec.function and callable(value):
                 self._profiles[name] = (
                     value if isinstance(value, Profile) and value.ends[-1] >= length else fit(name, value, length)

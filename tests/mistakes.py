@@ -531,6 +531,13 @@ GROUPS: dict[str, list[Mistake]] = {
     ],
     "Solving": [
         Mistake(
+            "a rotation matrix for a rotation vector",
+            "legs().inverse().inputs(platform_position=(0, 0, 0.4), platform_rotation=np.eye(3))",
+            WARNING,
+            "platform_rotation, shape (3, 3), is a rotation matrix",
+            "its rotation vector",
+        ),
+        Mistake(
             "a rod for a robot",
             "mr.solve(rod())",
             TypeError,
@@ -557,6 +564,13 @@ GROUPS: dict[str, list[Mistake]] = {
             TypeError,
             "a Status is compared with a Status, not with 'CONVERGED'",
             "mr.Status.CONVERGED",
+        ),
+        Mistake(
+            "tensions by the names of lines",
+            "pulled.inputs(tension={'first': 1})",
+            ValueError,
+            "must be numbers in their order, shape (..., 1): by name they are given to a Network",
+            "numbers in the order of the lines",
         ),
         Mistake(
             "inputs as a dictionary",
@@ -714,6 +728,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "seconds",
         ),
         Mistake(
+            "targets in mm, sample by sample",
+            "mr.Controller(robot, dt=1e-3, free='tip_force').step(position=(50, 0, 280))",
+            WARNING,
+            "Controller.step(position) = 280 m is more than 10 m; if it is in mm, give 0.28",
+            "metres",
+        ),
+        Mistake(
             "a deviation for the mean of a prior",
             "mr.Prior(0.1)",
             ValueError,
@@ -748,6 +769,21 @@ GROUPS: dict[str, list[Mistake]] = {
             TypeError,
             "must be a Prior",
             "mr.Prior(mean, sigma=...)",
+        ),
+        Mistake(
+            "a number of the robot among its loads",
+            "mr.estimate(robot, unknown={'bending_stiffness': mr.Prior(1, sigma=0.1)}, "
+            "measured=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3))",
+            TypeError,
+            "mr.calibrate(parameters='bending_stiffness') finds that",
+            "mr.calibrate",
+        ),
+        Mistake(
+            "measured strains for curvatures",
+            "mr.Curvature(at=(0.1, 0.2), value=[(1500, 0), (900, 0)], sigma=5)",
+            WARNING,
+            "Curvature.value = 1500 1/m winds a rod up 47.7 times within 0.2 m",
+            "strain over the distance of the fibre from the axis",
         ),
         Mistake(
             "more unknown than is measured",

@@ -2,7 +2,17 @@
 
 from multirod.plausibility.inputs import of_inputs
 from multirod.plausibility.limits import STRAIN
-from multirod.plausibility.robots import of_body, of_dt, of_legs, of_limits, of_offsets, of_place, of_pose, of_pose_sigma
+from multirod.plausibility.robots import (
+    of_body,
+    of_dt,
+    of_legs,
+    of_limits,
+    of_measured_curvature,
+    of_offsets,
+    of_place,
+    of_pose,
+    of_pose_sigma,
+)
 from multirod.plausibility.rods import Material, of_rod, of_tube_magnetisation
 from multirod.plausibility.solutions import of_bases, of_strains
 from multirod.plausibility.warning import PlausibilityWarning
@@ -17,6 +27,7 @@ __all__ = [
     "of_inputs",
     "of_legs",
     "of_limits",
+    "of_measured_curvature",
     "of_offsets",
     "of_place",
     "of_pose",

@@ -24,6 +24,8 @@ def of_inputs(robot: "Assembly", inputs: "Inputs") -> None:
         most = largest(values)
         if not most:
             continue
+        if spec.unit == "rad" and not spec.per_rod:
+            _of_matrix(name, values)
         if name in ("rotation", "platform_rotation", "angle"):
             of_angles(name, values, most)
         elif name == "gravity":
@@ -66,6 +68,15 @@ def of_angles(name: str, values: FloatArray, most: float) -> None:
     whole, any_ = DEGREES
     if most > any_ or (most >= whole and not np.any(values % 5)):
         say(f"{name} = {most:.6g} rad is {most / (2 * math.pi):.3g} turns; if it is in degrees, give {math.radians(most):.6g}")
+
+
+def _of_matrix(name: str, values: FloatArray) -> None:
+    if values.shape != (3, 3) or not np.allclose(values @ values.T, np.eye(3), atol=1e-6) or np.linalg.det(values) < 0:
+        return
+    say(
+        f"{name}, shape (3, 3), is a rotation matrix, and taken for a batch of three rotation vectors; if it is one rotation, "
+        "give its vector, scipy.spatial.transform.Rotation.from_matrix(R).as_rotvec()"
+    )
 
 
 def _of_gravity(values: FloatArray, most: float, robot: "Assembly") -> None:

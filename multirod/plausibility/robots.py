@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.plausibility.inputs import of_angles
-from multirod.plausibility.limits import ASIDE, DEVIATION, DT, LENGTH, PLATFORM_MASS, REACH, largest
+from multirod.plausibility.limits import ASIDE, DEVIATION, DT, LENGTH, PLATFORM_MASS, REACH, WINDING, largest
 from multirod.plausibility.warning import say
 from multirod.validation import FloatArray
 
@@ -38,6 +38,17 @@ def of_pose_sigma(sigma: FloatArray) -> None:
     if ((DEVIATION[0] < sigma) & (sigma < DEVIATION[1])).all():
         most = sigma.max()
         say(f"Pose.sigma = {most:.6g} m of a position says next to nothing of it; if it is in mm, give {1e-3 * most:.6g}")
+
+
+def of_measured_curvature(value: FloatArray, furthest: float) -> None:
+    """Warn of measured curvatures (..., components) that would wind a rod up before the last place where it is measured [m]."""
+    most = float(np.nanmax(np.abs(value[..., :2]), initial=0.0))
+    turns = most * furthest / (2 * np.pi)
+    if turns > WINDING:
+        say(
+            f"Curvature.value = {most:.6g} 1/m winds a rod up {turns:.3g} times within {furthest:.6g} m; it is a strain over the "
+            "distance of its fibre from the axis, in 1/m"
+        )
 
 
 def of_legs(base: FloatArray, platform: FloatArray, mass: float, rods: "tuple[Rod, ...]") -> None:

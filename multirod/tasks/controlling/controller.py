@@ -137,6 +137,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         self._step.start(x, p)
         self._step.prepare((1, 0, 0), (1, 1, 0))  # what most loops ask for: a position, a pose
         self._begin(x, p, "Controller.inputs" if guess is None else "Controller.guess")
+        self._looked = False
         self._lock = Lock()
 
     def _begin(self, x: FloatArray, p: FloatArray, field: str) -> None:
@@ -218,6 +219,8 @@ class Controller(Uncopied, Generic[Robot_co]):
         try:
             seen = self._seen(measured_position, measured_rotation)
             kind = self._aim(position, rotation, axis, across)
+            if not self._looked:  # once: who gives another unit does so from the first sample on
+                self._look(position, measured_position)
             if changes:
                 if not self._plain.write(changes):
                     self._change(changes)
@@ -225,6 +228,13 @@ class Controller(Uncopied, Generic[Robot_co]):
             return self._sample(kind, seen)
         finally:
             self._lock.release()
+
+    def _look(self, *places: Numbers | None) -> None:
+        """Warn of places that are far away, of the target and measured."""
+        self._looked = True
+        for name, place in zip(("position", "measured_position"), places, strict=True):
+            if place is not None:
+                plausibility.of_place(f"Controller.step({name})", np.asarray(place, dtype=np.float64))
 
     def _aim(self, position: Numbers | None, rotation: Numbers | None, axis: Numbers | None, across: Numbers | None) -> Kind:
         """Take the present target; what is not plainly right is checked at length."""

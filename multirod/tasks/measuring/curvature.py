@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.batch import Instances, IntArray, take
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.measuring.along import Along, AlongEvaluation, Places
@@ -40,6 +41,7 @@ class Curvature:
         if self.components not in (2, 3):
             refuse("Curvature.value", Described(f"array of shape {given.shape}"), "must be (..., 2), or (..., 3) with torsion")
         self.value = self.shaped("Curvature.value", given)
+        plausibility.of_measured_curvature(self.value, float(self.at[-1]))
         self.batch_shape = self.value.shape[:-2]
         spread = array("Curvature.sigma", sigma, finite=False)
         if not ((spread > 0) & np.isfinite(spread)).all():
