@@ -145,9 +145,9 @@ def test_other_solvers_find_the_same_equilibrium(pair, solver):
     )
 
 
-@pytest.mark.parametrize("translation", [(0.0, 0.0), (-0.05, 0.0)])
-def test_a_tube_at_the_plate_twists_behind_it_as_it_is_pulled_back(translation):
-    """Its column is that of one side, as it can be pulled back only: against differences of fourth order, of poses alone."""
+@pytest.mark.parametrize("translation", [(0.0, 0.0), (-0.05, 0.0), (-0.2, -0.1)])
+def test_tubes_whose_base_or_section_ends_at_the_plate_twist_behind_it_as_they_are_pulled_back(translation):
+    """Their columns are of that side, of twist and shape alike: against differences of fourth order, of poses alone."""
     straight, curved = (0.1, (0, 0, 0.8)), (0.12, (9.0, 0, 0))
     inner = mr.Rod(length=0.32, bending_stiffness=0.01, torsional_stiffness=0.0077, precurvature=[(0.2, (0, 0, 0.5)), curved])
     outer = mr.Rod(length=0.17, bending_stiffness=0.03, torsional_stiffness=0.023, precurvature=[straight, (0.07, (5.0, 2.0, 0))])

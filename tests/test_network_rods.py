@@ -174,6 +174,35 @@ def test_columns_of_what_stands_on_a_body(rod, given, difference):
             first += 1
 
 
+@pytest.mark.parametrize("translation", [(0.0, 0.0), (-0.2, -0.1)])
+def test_tubes_on_a_body_whose_base_or_section_ends_at_the_plate_vary_as_if_pulled_back(translation):
+    """By ``translation`` and ``length``, also what they turn the body by: differences of fourth order, of poses alone."""
+
+    def solved(back, shorter=0.0, guess=None):
+        inner, outer = (0.2 - shorter, (0, 1, 0.5), 0.0077, 0.12), (0.1, (1, 0, 0.8), 0.023, 0.07)
+        tubes = []
+        for (length, twisted, torsion, rest), curve in ((inner, (9, 0, -0.7)), (outer, (5, 2, 0.3))):
+            common = {"bending_stiffness": 1.3 * torsion}
+            sections = [
+                mr.Section(length=length, torsional_stiffness=torsion, precurvature=twisted, **common),
+                mr.Section(length=rest, torsional_stiffness=1.2 * torsion, precurvature=curve, **common),
+            ]
+            tubes.append(mr.Rod(sections=sections))
+        robot, where = tower(mr.ConcentricTubes(tubes)), np.array(translation) - back
+        inputs = robot.inputs(rotation={"arm": (0.4, -0.9)}, translation={"arm": where}, force={"arm": (0.3, 0.2, 0.1)})
+        return mr.solve(robot, inputs, solver=EXACT, guess=guess).raise_if_failed()
+
+    found, h = solved(np.zeros(2)), 1e-4
+    given = found.jacobian("translation", "length")[:3]
+    pulled, of_first_section = given[:, 1:3], given[:, 5]  # after those of the wire, which has a section less
+    cases = ((pulled[:, 0], (1.0, 0.0), 0.0), (pulled.sum(axis=1), (1.0, 1.0), 0.0), (of_first_section, (0.0, 0.0), 1.0))
+    for column, back, shorter in cases:
+        tips = [solved(k * h * np.array(back), k * h * shorter, guess=found).tip_position for k in range(5)]
+        expected = np.array([25 / 12, -4, 3, -4 / 3, 1 / 4]) @ tips / h
+        # of 1e-12 of a tip over 1e-4, and of the fourth power of that
+        np.testing.assert_allclose(column, expected, rtol=0, atol=1e-6)
+
+
 def test_tensions_and_lengths_of_lines_of_what_stands_on_a_body_vary_as_differences_do(difference):
     """Of a rod whose base turns with its body under gravity."""
     robot, solver = tower(LINED, kind="revolute"), mr.Shooting(tolerance=1e-12, integrator=mr.RK4(50))

@@ -254,8 +254,8 @@ class BehindPlate:
         found[..., :count] = self._integral * (raised * part + self._at_begin)
         found[..., count] = behind * torsion
         # an end that moves behind the plate leaves more to the piece before it, and less to the one after
-        found[..., count + 1] = (self._end < depth) * (self._curved_at_end + torsion)
-        found[..., count + 2] = (self._begin < depth) * (self._curved_at_begin + torsion)
+        found[..., count + 1] = (self._end <= depth) * (self._curved_at_end + torsion)
+        found[..., count + 2] = (self._begin <= depth) * (self._curved_at_begin + torsion)
         if count > 1:
             found[..., count + 3] = (self._curves * (raised - self._at_begin)).sum(axis=-1)
         return np.swapaxes((self._weights @ found.reshape(*found.shape[:2], -1, 1))[..., 0], 1, 2)

@@ -139,9 +139,9 @@ def behind_plate(group: wp.ref[RodGroup], t: int) -> Behind:
     begin = f64(0.0)
     for m in range(rods.end.shape[2]):
         end = rods.end[r, 0, m]
-        size = wp.min(end, depth) - begin
-        if size > f64(0.0):
-            half = f64(0.5) * (end - begin)
+        half = f64(0.5) * (end - begin)
+        if half > f64(0.0) and begin <= depth:
+            size = wp.min(end, depth) - begin
             x = size / half - f64(1.0)
             upper = f64(0.0)
             lower = f64(0.0)

@@ -152,10 +152,9 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
                 last = wp.min(section_from(rods, call, case, i, f64(0.0)), rods.end.shape[2] - 1)
                 for m in range(last + 1):
                     end = rods.end[case.rods, i, m]
-                    size = wp.min(end, depth) - begin
-                    # of a rod whose base is at the plate, what comes behind it as it is pulled back
-                    if size > f64(0.0) or (depth == f64(0.0) and m == last):
-                        half = f64(0.5) * (end - begin)
+                    half = f64(0.5) * (end - begin)
+                    if half > f64(0.0):
+                        size = wp.min(end, depth) - begin
                         t = size / half - f64(1.0)
                         GJ_inverse = rods.material[case.rods, i, m, 5]
                         b.compliance[i] = b.compliance[i] + size * GJ_inverse
