@@ -175,11 +175,20 @@ class ColdStart:
             self.chosen = self.chosen & ~ended
         if outcome.reached is not None and self._multistable:
             self._go_on(self.chosen & (outcome.status == Status.BRANCH_END))
-        newton.allow(self._allowed)
-        if further is not None:
+        if further is None:
+            return
+
+        def by_closing() -> None:
             assemble(problem, newton, outcome, self.lost & ~ended, steps, further, closing=True)
-            newton.allow(self._allowed)
+
+        def from_several_places() -> None:
             lowest_stable(problem, newton, outcome, self.lost, steps, further)
+
+        # what has no clamps may snap within its legs as joints close, to wherever
+        told = problem.parts is not None and problem.parts.may_be_clamped
+        for way in (by_closing, from_several_places) if told else (from_several_places, by_closing):
+            newton.allow(self._allowed)
+            way()
 
     def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
         """From where a branch ended in a part of all that one solve does, or from an unstable state that it led to."""
