@@ -71,6 +71,9 @@ def test_the_whole_load_at_once_where_newton_contracts_slowly():
     assert study.alike(problem.read("unknowns")[at_once], truth.unknowns).all()
 
 
+EVERY_LOAD = {"integrator": study.INTEGRATOR, "enabled": ("tip_force", "distributed_force", "gravity")}  # one kernel for all
+
+
 def equal_tubes(curvature):
     tube = mr.Rod(length=1, bending_stiffness=1, torsional_stiffness=1, precurvature=(curvature, 0, 0))
     return mr.ConcentricTubes([tube, tube])
@@ -156,9 +159,9 @@ def test_bounds_of_two_equal_tubes(root):
     np.testing.assert_allclose(problem.mode_bounds()[0], (root**2 / 2, root**2 / 10), rtol=1e-12)
 
 
-def eigenvalues(problem, elements=200):
-    """Of ``P`` over the torsional energy (13), descending, by linear elements on the angles of tubes behind and before the
-    plate."""
+def by_elements(problem, elements=200):
+    """Torsional energy and ``P`` of (13) by linear elements on the angles of tubes behind and before the plate, and the place and
+    tube of each angle."""
     arrays = problem.arrays
     start = problem.read("inputs")[0, problem.input_slice("translation")]
     end, EI, GJ = (a[0] for a in (arrays.end, arrays.material[..., 0], arrays.material[..., 2]))
@@ -184,8 +187,15 @@ def eigenvalues(problem, elements=200):
             P[np.ix_(first, second)] += weight * (b - a) * form
     # a tube is held at its base, and where it is not yet
     free = [n * k + i for k, s in enumerate(edges) for i in range(n) if s > start[i] + 1e-6]
-    root = np.linalg.inv(np.linalg.cholesky(K[np.ix_(free, free)]))
-    return np.linalg.eigvalsh(root @ P[np.ix_(free, free)] @ root.T)[::-1]
+    place = [(edges[k // n], k % n) for k in free]
+    return K[np.ix_(free, free)], P[np.ix_(free, free)], place
+
+
+def eigenvalues(problem):
+    """Of ``P`` over the torsional energy (13), descending."""
+    K, P, _ = by_elements(problem)
+    root = np.linalg.inv(np.linalg.cholesky(K))
+    return np.linalg.eigvalsh(root @ P @ root.T)[::-1]
 
 
 @pytest.mark.parametrize("kind", ["two tubes", "three tubes", "four tubes"])
@@ -201,6 +211,53 @@ def test_bounds_hold_for_the_worst_configuration(kind):
         assert bounds[k, 0] < 2.5 * first  # a bound of use
 
 
+@pytest.mark.parametrize("kind", ["two tubes", "three tubes", "four tubes"])
+def test_the_second_bound_is_what_the_first_mode_leaves_of_the_trace(kind):
+    """(15) by elements, which turn as torques at the place where the last two tubes part turn them."""
+    robot, inputs = study.draw(kind, 3, 11)
+    problem = robot.problem(inputs, integrator=study.INTEGRATOR)
+    bounds = problem.mode_bounds()
+    for k in range(3):
+        own = problem.parts.of(np.array([k]))
+        K, P, place = by_elements(own)
+        arrays, start = own.arrays, own.read("inputs")[0, own.input_slice("translation")]
+        end, EI, GJ = (values[0] for values in (arrays.end, arrays.material[..., 0], arrays.material[..., 2]))
+        bend = EI * np.hypot(*(arrays.precurvature[0, ..., j] for j in (0, 1)))
+        n = len(start)
+
+        def twist(s, i, start=start, end=end, GJ=GJ):
+            return (np.diff(np.minimum(end[i], s - start[i]), prepend=0.0) / GJ[i]).sum()
+
+        whole, cuts = np.zeros((n, n)), np.unique(np.concatenate([[0.0], (end + start[:, None]).ravel()]).clip(0).round(9))
+        for a, b in pairwise(cuts):
+            s = (a + b) / 2
+            at = [int(np.searchsorted(end[i], s - start[i])) for i in range(n)]
+            pulls, stiff = (
+                np.array([values[i, at[i]] if at[i] < end.shape[1] else 0.0 for i in range(n)]) for values in (bend, EI)
+            )
+            form = np.diag(pulls * pulls.sum()) - np.outer(pulls, pulls)
+            root = np.sqrt([twist(s, i) for i in range(n)])
+            whole += (b - a) * root[:, None] * form * root / stiff.sum()
+        parting = np.sort(end[:, -1] + start)[-2]
+        held = np.array([twist(parting, i) for i in range(n)])
+        d = np.linalg.eigh(whole)[1][:, -1] / np.sqrt(held)
+        torque = np.array([d[i] * (abs(s - parting) < 1e-5) for s, i in place])  # an angle goes on beyond the tip, unchanged
+        r = np.linalg.solve(K, torque)
+        pulled = P @ r
+        expected = np.trace(whole) - pulled @ np.linalg.solve(K, pulled) / (r @ pulled)
+        # elements are off by the square of their size: 1/200 of the length
+        np.testing.assert_allclose(bounds[k, 1], expected, rtol=0, atol=5e-4 * np.trace(whole))
+
+
+def test_bounds_count_what_a_force_does():
+    """On two equal tubes of length 1: it turns the frame, its moment bends that and what pulls; each at the middle."""
+    curvature, force = 3.0, 0.2
+    robot = equal_tubes(curvature)
+    given = (robot.inputs(rotation=(0, 1), tip_force=(0, force, 0)), robot.inputs(rotation=(0, 1)))
+    loaded, free = (robot.problem(own, **EVERY_LOAD).mode_bounds()[0] for own in given)
+    np.testing.assert_allclose(loaded - free, force / 4 * (1 + 1 / np.sqrt(2)) + force * curvature / 8, rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("along", "at_the_tip"),
     [({"distributed_force": (0, 0, 0.3)}, 0.3 * 2.0), ({"gravity": (0, 0, -9.0)}, 9.0 * (0.01 + 0.02) * 2.0)],
@@ -213,8 +270,7 @@ def test_bounds_take_dead_loads_along_tubes_for_no_less_than_they_are(along, at_
     ]
     robot = mr.ConcentricTubes(rods)
     given = (along, {"tip_force": (0, 0, at_the_tip)}, {})
-    every = {"integrator": study.INTEGRATOR, "enabled": ("tip_force", "distributed_force", "gravity")}
-    bounds = [robot.problem(robot.inputs(**own), **every).mode_bounds()[0] for own in given]
+    bounds = [robot.problem(robot.inputs(**own), **EVERY_LOAD).mode_bounds()[0] for own in given]
     np.testing.assert_allclose(bounds[0], bounds[1], rtol=1e-12)
     assert (bounds[0] > bounds[2]).all()
 
