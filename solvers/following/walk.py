@@ -24,7 +24,6 @@ CLAMPED_STEPS = 400  # of a descent by the turns of clamps
 RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
 LEAST_RADIUS = 0.005  # the same where steps are short [rad]
 SHORTEST_CLAMPED = 1e-4  # part of a step
-LONGER = 4.0  # times the part of the last step, that is tried of the next
 MISSED = 0.2  # part of a step, by which it may have been wrong
 OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
 ALONG_VALLEY = 20  # steps along a valley, after which it is followed
@@ -261,6 +260,5 @@ class Walk:
                 return point
             # what leads back to where ends are held may be long, and is no turn: it shortens steps, the radius by so much alone
             radius = min(RADIUS_CLAMPED, max(LEAST_RADIUS, share * radius) * (2 if off < 0.5 * allowed else 1))
-            share = min(1.0, LONGER * share)
-            turn = slope.turn(radius)
+            share, turn = 1.0, slope.turn(radius)
         return None
