@@ -729,7 +729,7 @@ GROUPS: dict[str, list[Mistake]] = {
         ),
         Mistake(
             "targets in mm, sample by sample",
-            "mr.Controller(robot, dt=1e-3, free='tip_force').step(position=(50, 0, 280))",
+            "mr.Controller(robot, dt=1e-3, free='rotation').step(position=(50, 0, 280))",
             WARNING,
             "Controller.step(position) = 280 m is more than 10 m; if it is in mm, give 0.28",
             "metres",
