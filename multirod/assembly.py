@@ -15,6 +15,7 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.problem import BoundaryProblem
 from multirod.read_only import ReadOnly
 from multirod.rod import Rod
+from multirod.rotations import is_rotation, not_turned
 from multirod.validation import Described, FloatArray, array, refuse, unknown_names
 
 if TYPE_CHECKING:
@@ -28,10 +29,6 @@ if TYPE_CHECKING:
     from multirod.solver import Solver
 else:
     from typing import TypeVar
-
-
-ORTHOGONAL = 1e-8  # what R R^T of a rotation may be off the identity
-DIGITS_CUT = 0.02  # by which R R^T is off the identity at most where digits of a rotation were cut
 
 
 class Assembly(ReadOnly, ABC):
@@ -312,20 +309,6 @@ class Assembly(ReadOnly, ABC):
     def stiffest(self) -> float:
         """Bending stiffness of all rods together, where each is stiffest [N m^2]."""
         return sum(max(float(np.max(section.bending_stiffness)) for section in rod.sections) for rod in self.rods)
-
-
-def is_rotation(R: FloatArray, most: float = ORTHOGONAL) -> bool:
-    """Whether all matrices (..., 3, 3) are rotations, to ``most`` that ``R R^T`` is off the identity: what rounding leaves."""
-    off = np.abs(R).max() > 2 or np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > most
-    return not (off or (np.linalg.det(R) < 0).any())
-
-
-def not_turned(R: FloatArray, most: float = ORTHOGONAL) -> str:
-    """What is wrong with matrices that are no rotations, as ``is_rotation`` has it."""
-    off = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max())
-    if off <= most:
-        return "its determinant is -1, a mirror image: a left-handed frame, or axes in another order"
-    return f"R R^T is off the identity by {off:.2g}" + (": it is rounded, give all digits" if off < DIGITS_CUT else "")
 
 
 if TYPE_CHECKING:

@@ -123,7 +123,7 @@ class Inputs(ReadOnly):
             if value is None and spec.optional:
                 continue
             if isinstance(value, Mapping):
-                shape = f"(..., {spec.size(rod_count)})" if spec.per_rod or spec.count is not None else "(..., 3)"
+                shape = f"(..., {spec.size(rod_count)})"
                 refuse(name, value, f"must be numbers in their order, shape {shape}: by name they are given to a Network")
             if spec.function and callable(value):
                 self._profiles[name] = (

@@ -9,7 +9,23 @@ _SMALL = 1e-3  # angle below which quotients are series, right to rounding
 BACK = -0.5  # cosine below which it is not its quotient by the sine that is taken: at half a turn there is none
 AIMLESS = 1e-12  # sine below which no direction is the shorter way back, and one is taken
 SIDEWAYS = 1e-2  # least sine in derivatives by turns that do not lead back: others are not to be lost beside these
+ORTHOGONAL = 1e-8  # what R R^T of a rotation may be off the identity
+DIGITS_CUT = 0.02  # by which R R^T is off the identity at most where digits of a rotation were cut
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
+def is_rotation(R: FloatArray, most: float = ORTHOGONAL) -> bool:
+    """Whether all matrices (..., 3, 3) are rotations, to ``most`` that ``R R^T`` is off the identity: what rounding leaves."""
+    off = np.abs(R).max() > 2 or np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > most
+    return not (off or (np.linalg.det(R) < 0).any())
+
+
+def not_turned(R: FloatArray, most: float = ORTHOGONAL) -> str:
+    """What is wrong with matrices that are no rotations, as ``is_rotation`` has it."""
+    off = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max())
+    if off <= most:
+        return "its determinant is -1, a mirror image: a left-handed frame, or axes in another order"
+    return f"R R^T is off the identity by {off:.2g}" + (": it is rounded, give all digits" if off < DIGITS_CUT else "")
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

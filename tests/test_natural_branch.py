@@ -159,29 +159,48 @@ def test_bounds_of_two_equal_tubes(root):
     np.testing.assert_allclose(problem.mode_bounds()[0], (root**2 / 2, root**2 / 10), rtol=1e-12)
 
 
+class OfOne:
+    """Tubes of a problem of one instance: where they start, where their sections end, and their stiffnesses."""
+
+    def __init__(self, problem):
+        arrays = problem.arrays
+        self.start = problem.read("inputs")[0, problem.input_slice("translation")]
+        self.end, self.EI, self.GJ = (a[0] for a in (arrays.end, arrays.material[..., 0], arrays.material[..., 2]))
+        self.bend = self.EI * np.hypot(*(arrays.precurvature[0, ..., k] for k in (0, 1)))
+
+    def sections(self, s):
+        """Of each tube that is at a place, None of the others."""
+        result = []
+        for start, end in zip(self.start, self.end, strict=True):
+            m = int(np.searchsorted(end, s - start))
+            result.append(m if s > start and m < len(end) else None)
+        return result
+
+    def form(self, s):
+        """``P`` of (13) at a place before the plate."""
+        here = self.sections(s)
+        pull, stiff = ([0.0 if m is None else values[i, m] for i, m in enumerate(here)] for values in (self.bend, self.EI))
+        return (np.diag(np.multiply(pull, sum(pull))) - np.outer(pull, pull)) / (sum(stiff) or 1.0)
+
+    def twist(self, s):
+        """By a unit torque on each tube at a place, there."""
+        return (np.diff(np.minimum(self.end, (s - self.start)[:, None]), prepend=0.0) / self.GJ).sum(axis=1)
+
+
 def by_elements(problem, elements=200):
     """Torsional energy and ``P`` of (13) by linear elements on the angles of tubes behind and before the plate, and the place and
     tube of each angle."""
-    arrays = problem.arrays
-    start = problem.read("inputs")[0, problem.input_slice("translation")]
-    end, EI, GJ = (a[0] for a in (arrays.end, arrays.material[..., 0], arrays.material[..., 2]))
-    kappa = np.hypot(*(arrays.precurvature[0, ..., k] for k in (0, 1)))
-    n = len(start)
+    own = OfOne(problem)
+    start, end, n = own.start, own.end, len(own.start)
     edges = np.concatenate([np.linspace(start.min(), 1, elements), (end + start[:, None]).ravel(), start, [0.0]])
     edges = np.unique(edges.round(6))  # ends that rounding parts are one
     K, P = np.zeros((2, n * len(edges), n * len(edges)))
     for k, (a, b) in enumerate(pairwise(edges)):
         s = (a + b) / 2
-        section = [int(np.searchsorted(end[i], s - start[i])) for i in range(n)]
-        here = [s > start[i] and section[i] < end.shape[1] for i in range(n)]
-        bend = np.array([EI[i, section[i]] * kappa[i, section[i]] if here[i] and s > 0 else 0.0 for i in range(n)])
-        total = sum(EI[i, section[i]] for i in range(n) if here[i]) or 1.0
-        form = -np.outer(bend, bend) / total
-        np.fill_diagonal(form, 0.0)
-        np.fill_diagonal(form, -form.sum(axis=1))
+        form = own.form(s) if s > 0 else np.zeros((n, n))
         at = n * k + np.arange(n)
-        for i in range(n):
-            stiffness = GJ[i, section[i]] if here[i] else 1.0
+        for i, m in enumerate(own.sections(s)):
+            stiffness = 1.0 if m is None else own.GJ[i, m]
             K[np.ix_((at[i], at[i] + n), (at[i], at[i] + n))] += stiffness / (b - a) * np.array([[1, -1], [-1, 1]])
         for first, second, weight in ((at, at, 1 / 3), (at + n, at + n, 1 / 3), (at, at + n, 1 / 6), (at + n, at, 1 / 6)):
             P[np.ix_(first, second)] += weight * (b - a) * form
@@ -218,29 +237,15 @@ def test_the_second_bound_is_what_the_first_mode_leaves_of_the_trace(kind):
     problem = robot.problem(inputs, integrator=study.INTEGRATOR)
     bounds = problem.mode_bounds()
     for k in range(3):
-        own = problem.parts.of(np.array([k]))
-        K, P, place = by_elements(own)
-        arrays, start = own.arrays, own.read("inputs")[0, own.input_slice("translation")]
-        end, EI, GJ = (values[0] for values in (arrays.end, arrays.material[..., 0], arrays.material[..., 2]))
-        bend = EI * np.hypot(*(arrays.precurvature[0, ..., j] for j in (0, 1)))
-        n = len(start)
-
-        def twist(s, i, start=start, end=end, GJ=GJ):
-            return (np.diff(np.minimum(end[i], s - start[i]), prepend=0.0) / GJ[i]).sum()
-
-        whole, cuts = np.zeros((n, n)), np.unique(np.concatenate([[0.0], (end + start[:, None]).ravel()]).clip(0).round(9))
-        for a, b in pairwise(cuts):
-            s = (a + b) / 2
-            at = [int(np.searchsorted(end[i], s - start[i])) for i in range(n)]
-            pulls, stiff = (
-                np.array([values[i, at[i]] if at[i] < end.shape[1] else 0.0 for i in range(n)]) for values in (bend, EI)
-            )
-            form = np.diag(pulls * pulls.sum()) - np.outer(pulls, pulls)
-            root = np.sqrt([twist(s, i) for i in range(n)])
-            whole += (b - a) * root[:, None] * form * root / stiff.sum()
-        parting = np.sort(end[:, -1] + start)[-2]
-        held = np.array([twist(parting, i) for i in range(n)])
-        d = np.linalg.eigh(whole)[1][:, -1] / np.sqrt(held)
+        one = problem.parts.of(np.array([k]))
+        (K, P, place), own = by_elements(one), OfOne(one)
+        ends = own.end + own.start[:, None]
+        whole = np.zeros((len(ends), len(ends)))
+        for a, b in pairwise(np.unique(np.concatenate([[0.0], ends.ravel()]).clip(0).round(9))):
+            root = np.sqrt(own.twist((a + b) / 2))
+            whole += (b - a) * root[:, None] * own.form((a + b) / 2) * root
+        parting = np.sort(ends[:, -1])[-2]
+        d = np.linalg.eigh(whole)[1][:, -1] / np.sqrt(own.twist(parting))
         torque = np.array([d[i] * (abs(s - parting) < 1e-5) for s, i in place])  # an angle goes on beyond the tip, unchanged
         r = np.linalg.solve(K, torque)
         pulled = P @ r

@@ -41,6 +41,7 @@ from multirod.models.backbone.sizes import Sizes
 from multirod.models.backbone.stability.clamps import BackboneClamps, ClampedBackbones
 from multirod.models.backbone.stability.condensing.form_kernels import make_form
 from multirod.models.backbone.stability.conjugates import BackboneConjugates
+from multirod.models.backbone.stability.mode_bounds import may_be_bounded
 from multirod.models.backbone.stability.mode_bounds_kernels import make_mode_bounds
 from multirod.models.backbone.stability.stability import BackboneStability
 from multirod.models.backbone.starts import BackboneStarts
@@ -170,7 +171,7 @@ class BackboneProblem(BoundaryProblem):
         self.judged_often = self._judged_by_solves  # whether the second variation is condensed by a kernel of its own
         if self.held:  # what is found is judged, always: it is compiled while the others are
             self.expect_form()
-        elif self.features.turning_count:
+        if may_be_bounded(self):
             expect(make_mode_bounds, device)
         self._found: dict[str, tuple[bytes, NDArray[Any]]] = {}  # by name, for what and what
         self._call = self.buffers.call()

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.batch import broadcast_shapes
-from multirod.plausibility.limits import DEGREES, FIELD, GRAVITY, LOAD, PRESSURE, PUSHED, REACH, WINDING, largest
+from multirod.plausibility.limits import DEGREES, FIELD, GRAVITY, LOAD, MATRIX, PRESSURE, PUSHED, REACH, WINDING, largest
 from multirod.plausibility.warning import say
+from multirod.rotations import is_rotation
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def of_angles(name: str, values: FloatArray, most: float) -> None:
 
 
 def _of_matrix(name: str, values: FloatArray) -> None:
-    if values.shape != (3, 3) or not np.allclose(values @ values.T, np.eye(3), atol=1e-6) or np.linalg.det(values) < 0:
+    if values.shape != (3, 3) or not is_rotation(values, MATRIX):
         return
     say(
         f"{name}, shape (3, 3), is a rotation matrix, and taken for a batch of three rotation vectors; if it is one rotation, "

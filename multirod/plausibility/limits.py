@@ -83,6 +83,7 @@ GRAVITY = 100.0  # m/s^2
 FIELD = 10.0  # T
 PRESSURE = Limit(1e3, 1e8, "Pa", "is less than 0.01 bar", "is more than 1000 bar", (("kPa", 1e3), ("bar", 1e5), ("MPa", 1e6)))
 PUSHED = 5.0  # times its length, that a rod is pushed out of its base
+MATRIX = 2e-5  # what R R^T of three rotation vectors may be off the identity, to be a rotation matrix
 DEGREES = (10.0, 8 * math.pi)  # rad: beyond the first multiples of 5, beyond the second anything
 PLATFORM_MASS = 20.0  # kg
 REACH = 2.0  # times the longest leg, that legs are apart or forces act beside the platform

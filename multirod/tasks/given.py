@@ -5,7 +5,7 @@ from typing import Any, TypeGuard, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.assembly import ORTHOGONAL, is_rotation, not_turned
+from multirod.rotations import ORTHOGONAL, is_rotation, not_turned
 from multirod.running.plain import LARGEST, plain_numbers
 from multirod.validation import FloatArray, refuse
 

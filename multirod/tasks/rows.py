@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod import plausibility
-from multirod.assembly import is_rotation, not_turned
 from multirod.batch import Instances, IntArray, broadcast_shapes, take
-from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, vectors
+from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, is_rotation, not_turned, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
 from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, hinted, positive_float, refuse

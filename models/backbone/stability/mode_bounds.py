@@ -18,6 +18,12 @@ if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 
+def may_be_bounded(problem: "BackboneProblem") -> bool:
+    """Whether a problem's robots are those that ``ModeBounds`` tells of: concentric tubes that twist, alone."""
+    own = problem.features
+    return len(problem.rods) > 1 and own.torsion and not (problem.held or own.eccentric or own.members)
+
+
 class ModeBounds:
     """(14) and (15) with what dead forces add, of the robots of a problem at its inputs."""
 

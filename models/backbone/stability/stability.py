@@ -18,7 +18,7 @@ from multirod.models.backbone.stability.condensing.second_variation import (
     segments_needed,
 )
 from multirod.models.backbone.stability.condensing.tensions import with_conditions
-from multirod.models.backbone.stability.mode_bounds import ModeBounds
+from multirod.models.backbone.stability.mode_bounds import ModeBounds, may_be_bounded
 from multirod.models.backbone.stability.sure import SureStability, may_be_sure
 from multirod.profile import DEGREE
 from multirod.segments import Breakpoints
@@ -317,8 +317,7 @@ class BackboneStability(StabilityAnalysis):
         return segments_needed(self.problem.sizes.furthest_end(), self.problem.sizes.least_stiffness, coupling, potential)
 
     def mode_bounds(self) -> FloatArray | None:  # noqa: D102
-        features = self.problem.features
-        if len(self.problem.rods) == 1 or self.problem.held or not features.torsion or features.eccentric or features.members:
+        if not may_be_bounded(self.problem):
             return super().mode_bounds()
         own: ModeBounds = self.problem.tool("mode bounds", lambda: ModeBounds(self.problem))
         bounds = own.under(self._dead_load())
