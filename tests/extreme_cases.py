@@ -129,8 +129,7 @@ def legs(seed):
     stiffness = [rod[0]["bending_stiffness"][0] for rod in scene.rods]
     solution = mr.solve(scene.robot, scene.inputs).raise_if_failed()
     own = LegEquations(scene.rods, scene.loads)
-    wrenches = [own.legs[k].states(solution.rod(k, nodes=3))[0, 12:] for k in range(3)]
-    found = own.solve(wrenches, solution.tip_position, solution.tip_rotation)
+    found = own.solve(own.starts(solution), solution.tip_position, solution.tip_rotation)
     assert found is not None
     name = f"legs of stiffness 1 to {max(stiffness) / min(stiffness):.0e}"
     return Case(name, scene.robot, scene.inputs, found[0], own.length, "Newton from the same base")

@@ -128,8 +128,7 @@ def violation(drawn, solution):
     """Largest violation of the equations of ``LegEquations`` at a solution, dimensionless; None where a leg is of several tubes.
 
     It is how far the platform stands from the nearest root of these equations: a joint that is open by the solver's tolerance at
-        the
-    far end of a stiff leg is no violation.
+    the far end of a stiff leg is no violation.
     """
     if any(len(leg) > 1 for leg in drawn.sections):
         return None
@@ -141,6 +140,5 @@ def violation(drawn, solution):
     loads = {"base": base, "platform": drawn.platform}
     loads |= {name: np.asarray(drawn.loads.get(name, np.zeros(3))) for name in ("tip_force", "tip_moment")}
     legs = LegEquations(rods, loads, drawn.joints, drawn.axes)
-    wrenches = [leg.states(solution.rod(k, nodes=3))[0, 12:] for k, leg in enumerate(legs.legs)]
-    found = legs.solve(wrenches, solution.tip_position, solution.tip_rotation)
+    found = legs.solve(legs.starts(solution), solution.tip_position, solution.tip_rotation)
     return np.inf if found is None else float(np.abs(found[0] - solution.tip_position).max() / legs.length)

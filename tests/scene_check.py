@@ -126,12 +126,8 @@ def _judge_legs(scene: Scene, solution: mr.Solution, verdict: Verdict) -> None:
     if solution.status.failed:
         return
     legs = LegEquations(scene.rods, scene.loads)
-    wrenches, verdict.gap = [], 0.0
-    for k, leg in enumerate(legs.legs):
-        shape = solution.rod(k, nodes=leg.node_count(solution.rod(k)))
-        verdict.gap = max(verdict.gap, leg.gap(shape))
-        wrenches.append(leg.states(shape)[0, 12:])
-    found = legs.solve(wrenches, solution.tip_position, solution.tip_rotation)
+    verdict.gap = max(leg.gap(solution.rod(k, nodes=leg.node_count(solution.rod(k)))) for k, leg in enumerate(legs.legs))
+    found = legs.solve(legs.starts(solution), solution.tip_position, solution.tip_rotation)
     verdict.error = np.inf
     if found is not None:
         verdict.error = float(np.abs(found[0] - solution.tip_position).max() / legs.length)

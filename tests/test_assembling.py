@@ -33,10 +33,13 @@ def test_robots_that_the_first_search_loses(number, status):
 
 
 # clamped legs at their folds: one follows a moment, which rounding hid; one takes 1,600 steps in loads; one snaps while its legs
-# are joined, beside which other equations move what is soft slowly
-@pytest.mark.parametrize(("number", "judged", "snaps"), [(56, False, 0), (164, True, 0), (266, True, 1)])
-def test_many_stiff_legs(number, judged, snaps):
-    drawn = draw(number, 91, 12, 5.0)
+# are joined, beside which other equations move what is soft slowly; one has a leg that is pulled by 160 EI/L^2: differences from
+# its base tell a judge nothing
+@pytest.mark.parametrize(
+    ("seed", "number", "judged", "snaps"), [(91, 56, False, 0), (91, 164, True, 0), (91, 266, True, 1), (0, 98, True, 0)]
+)
+def test_many_stiff_legs(seed, number, judged, snaps):
+    drawn = draw(number, seed, 12, 5.0)
     solution = mr.solve(drawn.robot, drawn.inputs)
     assert not solution.failed
     assert (solution.stability == mr.Stability.STABLE) == judged  # nobody knows it of a moment that has no potential
