@@ -35,8 +35,7 @@ def solved(matrices, sides, sizes):
     def run(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], back: wp.array3d[wp.float64], arrow: Arrow):
         t = wp.tid()
         solve(matrix, values, t, arrow)
-        for i in range(values.shape[1]):
-            multiply(matrix, values, back, t, i, arrow)
+        multiply(matrix, values, back, t, arrow)
 
     arrow = Arrow()
     arrow.count = len(sizes)
@@ -44,7 +43,7 @@ def solved(matrices, sides, sizes):
     arrow.start = wp.array(starts, dtype=wp.int32, device="cpu")
     width = front_width(block, BORDER, sides.shape[2])
     arrow.pivots = wp.zeros((count, len(sizes), block, width), dtype=wp.float64, device="cpu")
-    arrow.front = wp.zeros((count, block + BORDER, width), dtype=wp.float64, device="cpu")
+    arrow.front = wp.zeros((count, BORDER, width), dtype=wp.float64, device="cpu")
     matrix = wp.array(np.stack(matrices), dtype=wp.float64, device="cpu")
     values = wp.array(sides, dtype=wp.float64, device="cpu")
     back = wp.zeros_like(values)

@@ -20,9 +20,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.kernels.linear_algebra_kernels import add_row, copy_row, fill_row, subtract_row, swap_rows
+from multirod.kernels.linear_algebra_kernels import ONE_BY_ONE, copy_row, fill_row
 
 f64 = wp.float64
+VECTOR = 8  # numbers that a row of a front is a multiple of: rows are worked on whole, without a rest
 
 
 @wp.struct
@@ -32,121 +33,241 @@ class Arrow:
     count: int  # blocks, the border aside
     start: wp.array[int]  # (count + 2,): first row and column of each block, of the border, and the size of all
     pivots: wp.array4d[wp.float64]  # (instance, block, row, width): rows that pivots were chosen from, for substitution
-    front: wp.array3d[wp.float64]  # (instance, block and border, width): what is being eliminated
+    front: wp.array3d[wp.float64]  # (instance, border, width): rows of the border, that are being eliminated
+
+
+# Rows have the columns of a block, those of the border, T, and the right-hand sides. Warp's own loops find the place of each
+# number anew, and add one at a time.
 
 
 @wp.func_native(
-    "const double* a = &wp::index(matrix, t, i, at); double size = 0;"
-    " for (int j = 0; j < count; j++) { double s = a[j] < 0 ? -a[j] : a[j]; size = s > size ? s : size; } return size;"
+    """
+    const int width = front.shape[2], sides = values.shape[2];
+    double* P = &wp::index(pivots, t, block, 0, 0);
+    for (int i = 0; i < columns; ++i) {
+        double* __restrict row = P + i * width;
+        const double* __restrict own = &wp::index(matrix, t, first + i, 0);
+        const double* __restrict side = &wp::index(values, t, first + i, 0);
+        for (int j = 0; j < columns; ++j) row[j] = own[first + j];
+        for (int j = 0; j < border; ++j) row[at + j] = own[last + j];
+        for (int j = 0; j < border; ++j) row[at + border + j] = 0.0;
+        for (int j = 0; j < sides; ++j) row[at + 2 * border + j] = side[j];
+        for (int j = 0; j < columns; ++j) size = fabs(row[j]) > size ? fabs(row[j]) : size;
+    }
+    for (int i = 0; i < border; ++i) {
+        double* __restrict row = &wp::index(front, t, i, 0);
+        for (int j = 0; j < columns; ++j) row[j] = 0.0;
+        for (int k = 0; k < border; ++k) {
+            const double m = row[at + border + k];
+            if (m == 0.0) continue;
+            const double* __restrict own = &wp::index(matrix, t, last + k, first);
+            for (int j = 0; j < columns; ++j) row[j] += m * own[j];
+        }
+    }
+    return size;
+    """
 )
-def largest(matrix: wp.array3d[wp.float64], t: int, i: int, at: int, count: int) -> wp.float64:
-    """Largest magnitude of ``count`` numbers of a row."""
+def assemble(
+    matrix: wp.array3d[wp.float64],
+    values: wp.array3d[wp.float64],
+    pivots: wp.array4d[wp.float64],
+    front: wp.array3d[wp.float64],
+    t: int,
+    block: int,
+    first: int,
+    columns: int,
+    at: int,
+    border: int,
+    last: int,
+    size: wp.float64,
+) -> wp.float64:
+    """The rows of a block, among the pivots, and what is left of the border's rows in its columns: ``T B``.
 
-
-@wp.func_native("double* a = &wp::index(matrix, t, i, 0); for (int j = 0; j < count; j++) a[j] /= by;")
-def divide_row(matrix: wp.array3d[wp.float64], t: int, i: int, count: int, by: wp.float64):
-    """The first ``count`` numbers of a row."""
+    Returns the largest magnitude of a number of the block, or ``size`` if that is larger. The border's columns begin ``at``.
+    """
 
 
 @wp.func_native(
-    "double* a = &wp::index(pivots, t, block, i, 0); const double* b = &wp::index(front, t, i, 0);"
-    " for (int j = 0; j < count; j++) a[j] = b[j];"
+    """
+    const int width = front.shape[2];
+    double* const F = &wp::index(front, t, 0, 0);
+    double* const P = block < 0 ? F : &wp::index(pivots, t, block, 0, 0);
+    const int apart = block < 0 ? 0 : columns;  // rows before those of the border
+    for (int c = 0; c < columns; ++c) {
+        const int k = first + c;
+        double* __restrict own = P + c * width;
+        double* best = own;
+        for (int i = c + 1; i < rows; ++i) {
+            double* row = (i < apart ? P : F - apart * width) + i * width;
+            if (fabs(row[k]) > fabs(best[k])) best = row;
+        }
+        if (best != own)
+            for (int j = k; j < width; ++j) { double s = own[j]; own[j] = best[j]; best[j] = s; }
+        if (fabs(own[k]) <= 1e-15 * size) own[k] = NAN;
+        const double pivot = own[k];
+        const int begin = k - k % VECTOR;  // numbers at k and before it are not looked at again
+        for (int i = c + 1; i < rows; ++i) {
+            double* __restrict row = (i < apart ? P : F - apart * width) + i * width;
+            if (row[k] == 0.0) continue;
+            const double m = row[k] / pivot;
+            ONE_BY_ONE
+            for (int j = begin; j < width; ++j) row[j] -= m * own[j];
+        }
+    }
+    """.replace("ONE_BY_ONE", ONE_BY_ONE).replace("VECTOR", str(VECTOR))
 )
-def keep_pivots(pivots: wp.array4d[wp.float64], front: wp.array3d[wp.float64], t: int, block: int, i: int, count: int):
-    """A row that pivots were chosen from."""
+def eliminate(
+    pivots: wp.array4d[wp.float64],
+    front: wp.array3d[wp.float64],
+    t: int,
+    block: int,
+    first: int,
+    columns: int,
+    rows: int,
+    size: wp.float64,
+):
+    """Pivots for ``columns`` columns from ``first`` on among ``rows`` rows, those of a block and of the border, or of the border
+    alone if ``block`` is negative, each the first of those left; NaN if singular."""
+
+
+@wp.func_native(
+    """
+    double x[VECTOR];
+    for (int r = border - 1; r >= 0; --r) {
+        const double* __restrict pivot = &wp::index(front, t, r, at);
+        for (int j = 0; j < sides; ++j) x[j] = pivot[2 * border + j];
+        for (int k = r + 1; k < border; ++k) {
+            const double* __restrict other = &wp::index(values, t, last + k, 0);
+            for (int j = 0; j < sides; ++j) x[j] -= pivot[k] * other[j];
+        }
+        for (int j = 0; j < sides; ++j) wp::index(values, t, last + r, j) = x[j] / pivot[r];
+    }
+    """.replace("VECTOR", str(VECTOR))
+)
+def substitute_border(
+    values: wp.array3d[wp.float64], front: wp.array3d[wp.float64], t: int, at: int, border: int, last: int, sides: int
+):
+    """The solutions of the border, whose columns begin ``at``."""
+
+
+@wp.func_native(
+    """
+    double x[VECTOR];
+    for (int r = columns - 1; r >= 0; --r) {
+        const double* __restrict pivot = &wp::index(pivots, t, block, r, 0);
+        for (int j = 0; j < sides; ++j) x[j] = pivot[at + 2 * border + j];
+        for (int k = r + 1; k < columns; ++k) {
+            const double* __restrict other = &wp::index(values, t, first + k, 0);
+            for (int j = 0; j < sides; ++j) x[j] -= pivot[k] * other[j];
+        }
+        for (int k = 0; k < border; ++k) {
+            const double* __restrict known = &wp::index(values, t, last + k, 0);
+            const double* __restrict done = &wp::index(front, t, k, 0);
+            for (int j = 0; j < sides; ++j) x[j] -= pivot[at + k] * known[j];
+            for (int j = 0; j < sides; ++j) x[j] -= pivot[at + border + k] * done[j];
+        }
+        for (int j = 0; j < sides; ++j) wp::index(values, t, first + r, j) = x[j] / pivot[r];
+    }
+    for (int k = 0; k < border; ++k) {
+        const double* __restrict own = &wp::index(matrix, t, last + k, first);
+        double* __restrict done = &wp::index(front, t, k, 0);
+        for (int j = 0; j < sides; ++j) x[j] = done[j];
+        for (int c = 0; c < columns; ++c) {
+            const double* __restrict solved = &wp::index(values, t, first + c, 0);
+            for (int j = 0; j < sides; ++j) x[j] += own[c] * solved[j];
+        }
+        for (int j = 0; j < sides; ++j) done[j] = x[j];
+    }
+    """.replace("VECTOR", str(VECTOR))
+)
+def substitute(
+    matrix: wp.array3d[wp.float64],
+    values: wp.array3d[wp.float64],
+    pivots: wp.array4d[wp.float64],
+    front: wp.array3d[wp.float64],
+    t: int,
+    block: int,
+    first: int,
+    columns: int,
+    at: int,
+    border: int,
+    last: int,
+    sides: int,
+):
+    """The solutions of a block, from those of the border and of the blocks behind it.
+
+    What these contribute to the border's rows stands in the first columns of ``front``, to which the block's own is added.
+    """
+
+
+@wp.func_native(
+    """
+    double x[VECTOR];
+    const double* __restrict own = &wp::index(matrix, t, row, 0);
+    double* __restrict total = &wp::index(product, t, row, 0);
+    for (int j = 0; j < sides; ++j) x[j] = total[j];
+    for (int k = first; k < stop; ++k) {
+        const double* __restrict other = &wp::index(values, t, k, 0);
+        for (int j = 0; j < sides; ++j) x[j] += own[k] * other[j];
+    }
+    for (int j = 0; j < sides; ++j) total[j] = x[j];
+    """.replace("VECTOR", str(VECTOR))
+)
+def add_product(
+    matrix: wp.array3d[wp.float64],
+    values: wp.array3d[wp.float64],
+    product: wp.array3d[wp.float64],
+    t: int,
+    row: int,
+    first: int,
+    stop: int,
+    sides: int,
+):
+    """To a row of ``product`` that of the columns ``first`` to ``stop`` of the matrix with solutions."""
 
 
 def front_width(block: int, border: int, sides: int) -> int:
-    """Columns of a front: a block's, the border's, T, and the right-hand sides."""
-    return block + 2 * border + sides
+    """Columns of a front: a block's, the border's, T, and the right-hand sides, and as many more as vectors take."""
+    return -(-(block + 2 * border + sides) // VECTOR) * VECTOR
 
 
 @cache
 def make_bordered(block: int, border: int, sides: int):
-    """``solve(matrix, sides, t, arrow)`` for blocks of at most ``block`` rows: right-hand sides (n, sides) become solutions."""
-    WIDTH = front_width(block, border, sides)
+    """``solve(matrix, sides, t, arrow)`` for blocks of at most ``block`` rows: right-hand sides (n, sides) become solutions.
+
+    ``sides`` are ``VECTOR`` at most.
+    """
+    assert sides <= VECTOR
     T_AT = block + border
     SIDE_AT = block + 2 * border
-
-    @wp.func(inline=False)
-    def eliminate(F: wp.array3d[wp.float64], t: int, first: int, columns: int, rows: int, size: f64):
-        """Pivots for ``columns`` columns from ``first`` on among ``rows`` rows, each the first of those left; NaN if singular."""
-        for c in range(columns):
-            k = first + c
-            p = int(c)
-            for i in range(c + 1, rows):
-                if wp.abs(F[t, i, k]) > wp.abs(F[t, p, k]):
-                    p = i
-            if p != c:
-                swap_rows(F, t, c, p, k, wp.static(WIDTH))
-            if wp.abs(F[t, c, k]) <= f64(1.0e-15) * size:
-                F[t, c, k] = f64(0.0) / f64(0.0)
-            for i in range(c + 1, rows):
-                if F[t, i, k] != f64(0.0):
-                    subtract_row(F, t, i, c, k + 1, wp.static(WIDTH), F[t, i, k] / F[t, c, k])
 
     @wp.func(inline=False)
     def solve(matrix: wp.array3d[wp.float64], values: wp.array3d[wp.float64], t: int, arrow: Arrow):
         last = arrow.start[arrow.count]
         size = f64(0.0)
         F = arrow.front
-        for i in range(wp.static(block + border)):
-            fill_row(F, t, i, 0, wp.static(WIDTH), f64(0.0))
+        P = arrow.pivots
         for i in range(wp.static(border)):
+            fill_row(F, t, i, 0, F.shape[2], f64(0.0))
             F[t, i, wp.static(T_AT) + i] = f64(1.0)
             copy_row(F, matrix, t, i, wp.static(block), last + i, last, wp.static(border))
-            size = wp.max(size, largest(F, t, i, wp.static(block), wp.static(border)))
+            for j in range(wp.static(border)):
+                size = wp.max(size, wp.abs(matrix[t, last + i, last + j]))
             copy_row(F, values, t, i, wp.static(SIDE_AT), last + i, 0, wp.static(sides))
         for b in range(arrow.count):
-            # the border's rows, now those of T and the border alone, go below the block's
             first = arrow.start[b]
             m = arrow.start[b + 1] - first
-            for i in range(wp.static(border)):
-                r = wp.static(border) - 1 - i
-                copy_row(F, F, t, m + r, wp.static(block), r, wp.static(block), wp.static(WIDTH - block))
-            for i in range(m):
-                copy_row(F, matrix, t, i, 0, first + i, first, m)
-                size = wp.max(size, largest(F, t, i, 0, m))
-                copy_row(F, matrix, t, i, wp.static(block), first + i, last, wp.static(border))
-                fill_row(F, t, i, wp.static(T_AT), wp.static(border), f64(0.0))
-                copy_row(F, values, t, i, wp.static(SIDE_AT), first + i, 0, wp.static(sides))
-            for i in range(wp.static(border)):
-                fill_row(F, t, m + i, 0, m, f64(0.0))
-                for k in range(wp.static(border)):
-                    add_row(F, matrix, t, m + i, 0, last + k, first, m, F[t, m + i, wp.static(T_AT) + k])
-            eliminate(F, t, 0, m, m + wp.static(border), size)
-            for i in range(m):
-                keep_pivots(arrow.pivots, F, t, b, i, wp.static(WIDTH))
-            for i in range(wp.static(border)):
-                copy_row(F, F, t, i, wp.static(block), m + i, wp.static(block), wp.static(WIDTH - block))
-        eliminate(F, t, wp.static(block), wp.static(border), wp.static(border), size)
-        for i in range(wp.static(border)):
-            r = wp.static(border) - 1 - i
-            copy_row(values, F, t, last + r, 0, r, wp.static(SIDE_AT), wp.static(sides))
-            for k in range(r + 1, wp.static(border)):
-                subtract_row(values, t, last + r, last + k, 0, wp.static(sides), F[t, r, wp.static(block) + k])
-            divide_row(values, t, last + r, wp.static(sides), F[t, r, wp.static(block) + r])
-        # what the blocks already solved contribute to the border's rows, in the place of what was eliminated
+            size = assemble(matrix, values, P, F, t, b, first, m, wp.static(block), wp.static(border), last, size)
+            eliminate(P, F, t, b, 0, m, m + wp.static(border), size)
+        eliminate(P, F, t, -1, wp.static(block), wp.static(border), wp.static(border), size)
+        substitute_border(values, F, t, wp.static(block), wp.static(border), last, wp.static(sides))
         for k in range(wp.static(border)):
             fill_row(F, t, k, 0, wp.static(sides), f64(0.0))
         for i in range(arrow.count):
             b = arrow.count - 1 - i
             first = arrow.start[b]
             m = arrow.start[b + 1] - first
-            for c in range(m):
-                r = m - 1 - c
-                for j in range(wp.static(sides)):
-                    values[t, first + r, j] = arrow.pivots[t, b, r, wp.static(SIDE_AT) + j]
-                for k in range(r + 1, m):
-                    subtract_row(values, t, first + r, first + k, 0, wp.static(sides), arrow.pivots[t, b, r, k])
-                for k in range(wp.static(border)):
-                    pivot = arrow.pivots[t, b, r, wp.static(block) + k]
-                    subtract_row(values, t, first + r, last + k, 0, wp.static(sides), pivot)
-                    add_row(values, F, t, first + r, 0, k, 0, wp.static(sides), -arrow.pivots[t, b, r, wp.static(T_AT) + k])
-                divide_row(values, t, first + r, wp.static(sides), arrow.pivots[t, b, r, r])
-            for k in range(wp.static(border)):
-                for c in range(m):
-                    add_row(F, values, t, k, 0, first + c, 0, wp.static(sides), matrix[t, last + k, first + c])
+            substitute(matrix, values, P, F, t, b, first, m, wp.static(block), wp.static(border), last, wp.static(sides))
 
     @wp.func(inline=False)
     def multiply(
@@ -154,22 +275,18 @@ def make_bordered(block: int, border: int, sides: int):
         values: wp.array3d[wp.float64],
         product: wp.array3d[wp.float64],
         t: int,
-        row: int,
         arrow: Arrow,
     ):
-        """Add a row of the product of the matrix with solutions to that row of ``product``."""
+        """Add the product of the matrix with solutions to ``product``."""
         last = arrow.start[arrow.count]
-        first = int(0)
-        stop = last
-        if row < last:
-            b = int(0)
-            while arrow.start[b + 1] <= row:
-                b += 1
+        end = arrow.start[arrow.count + 1]
+        for b in range(arrow.count):
             first = arrow.start[b]
             stop = arrow.start[b + 1]
-        for k in range(first, stop):
-            add_row(product, values, t, row, 0, k, 0, wp.static(sides), matrix[t, row, k])
-        for k in range(last, last + wp.static(border)):
-            add_row(product, values, t, row, 0, k, 0, wp.static(sides), matrix[t, row, k])
+            for i in range(first, stop):
+                add_product(matrix, values, product, t, i, first, stop, wp.static(sides))
+                add_product(matrix, values, product, t, i, last, end, wp.static(sides))
+        for i in range(last, end):
+            add_product(matrix, values, product, t, i, 0, end, wp.static(sides))
 
     return SimpleNamespace(solve=solve, multiply=multiply)

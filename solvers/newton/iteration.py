@@ -132,7 +132,7 @@ class Newton:
         arrow.start = wp.array(np.array(problem.arrow, dtype=np.int32), dtype=wp.int32, device=problem.device)
         room = (problem.instance_count, arrow.count, block, front_width(block, border, PROBES))
         arrow.pivots = wp.zeros(room, dtype=wp.float64, device=problem.device)
-        arrow.front = self._room(block + border, front_width(block, border, PROBES))
+        arrow.front = self._room(border, front_width(block, border, PROBES))
         self.state.arrow = arrow
         self.state.probes, self.state.probed = self._room(n, PROBES), self._room(n, PROBES)
         return block, border

@@ -180,7 +180,8 @@ def make_arrow(block: int, border: int) -> SimpleNamespace:
             for i in range(n):
                 for k in range(wp.static(PROBES)):
                     state.probed[t, i, k] = -centre * state.probed[t, i, k]
-                multiply(state.gamma, state.probes, state.probed, t, i, state.arrow)
+            multiply(state.gamma, state.probes, state.probed, t, state.arrow)
+            for i in range(n):
                 for k in range(wp.static(PROBES)):
                     total += state.probed[t, i, k] * state.probed[t, i, k]
             power += f64(1.0)
@@ -359,8 +360,7 @@ def keep_sample(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int):
     for i in range(sample.inputs.shape[1]):
         sample.last_inputs[t, i] = sample.inputs[t, i]
     for i in range(state.reference.shape[1]):
-        for j in range(state.reference.shape[2]):
-            state.reference[t, i, j] = state.gamma[t, i, j]
+        copy_row(state.reference, state.gamma, t, i, 0, i, 0, state.reference.shape[2])
     state.has_reference[t] = 1
 
 
