@@ -103,7 +103,7 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     own.row_rod, own.row_row = (array(values, wp.int32) for values in np.divmod(rows.order, layout.size))
     own.number_place, own.number_start = array(numbers.places, wp.int32), array(numbers.starts, wp.int32)
     of_rod, within = np.divmod(numbers.order, layout.size**2)
-    own.number_rod = array(of_rod, wp.int32)
-    own.number_row, own.number_column = (array(values, wp.int32) for values in np.divmod(within, layout.size))
+    row, column = np.divmod(within, layout.size)
+    own.number_at = array((of_rod * own.height + row) * own.width + column, wp.int32)
     own.turn_place = array(entries.turns, wp.int32)
     return own

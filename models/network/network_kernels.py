@@ -171,6 +171,31 @@ def hand_over(net: Networks, group: RodGroup):
 # ---- sums ----
 
 
+@wp.func_native(
+    """
+    const double* __restrict own = &wp::index(element, b, 0, 0, 0);
+    double* __restrict all = &wp::index(numbers, b, 0);
+    double size = 0.0;
+    for (int p = 0, e = 0; p < place.shape[0]; ++p) {
+        double total = 0.0;
+        for (; e < start.data[p + 1]; ++e) total += own[at.data[e]];
+        all[place.data[p]] = total;
+        size += fabs(total);
+    }
+    return size;
+    """
+)
+def sum_numbers(
+    element: wp.array4d[wp.float64],
+    numbers: wp.array2d[wp.float64],
+    b: int,
+    place: wp.array[int],
+    start: wp.array[int],
+    at: wp.array[int],
+) -> wp.float64:
+    """The numbers of ``Gamma``, and the sum of their magnitudes: Warp's own loops would find the place of each anew."""
+
+
 @wp.func
 def add_up_pose(net: wp.ref[Networks], b: int):
     """(4), (6) Pose of the end effector, and its columns."""
@@ -237,12 +262,7 @@ def add_up(net: Networks):
             if i >= net.first_pose:
                 total -= net.load_directions[b, i - net.first_pose, k]
             net.problem.residual_directions[b, i, k] = total
-    for p in range(net.number_place.shape[0]):
-        total = f64(0.0)
-        for e in range(net.number_start[p], net.number_start[p + 1]):
-            total += net.element[b, net.number_rod[e], net.number_row[e], net.number_column[e]]
-        net.numbers[b, net.number_place[p]] = total
-        size += wp.abs(total)
+    size += sum_numbers(net.element, net.numbers, b, net.number_place, net.number_start, net.number_at)
     for k in range(net.body_count):
         for i in range(6):
             for j in range(3):

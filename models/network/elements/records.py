@@ -121,9 +121,7 @@ class Networks:
     row_row: wp.array[int]
     number_place: wp.array[int]
     number_start: wp.array[int]
-    number_rod: wp.array[int]
-    number_row: wp.array[int]
-    number_column: wp.array[int]
+    number_at: wp.array[int]  # among the numbers of all elements of an instance
     turn_place: wp.array3d[int]  # (body, 6, 3): where its balance stands by how it turns
 
 
