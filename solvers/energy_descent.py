@@ -12,6 +12,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
 from multirod.solvers.tracking.energy_descent_kernels import NUDGE, DescentState, make_descent
 from multirod.solvers.tracking.sampled import SampledTrack
+from multirod.solvers.tracking.symmetric_kernels import ROOM
 from multirod.status import BoolArray, IntArray, Status
 from multirod.validation import FloatArray, boolean, positive_float, positive_int
 
@@ -121,7 +122,7 @@ class EnergyDescentTrack(SampledTrack):
         state.give = wp.array(give, dtype=wp.float64, device=device)
         state.has_potential = int(pairs.has_potential)
         room = {"following": (n,), "size": (), "margin": (), "form": (m, m), "system": (n, n), "sides": (n, m + 2)}
-        room |= {"matrix": (m, m), "modes": (m, m), "values": (m,), "gradient": (m, 2), "steps": (m, 2)}
+        room |= {"matrix": (m, m), "modes": (m, m), "values": (ROOM * m,), "gradient": (m, 2), "steps": (m, 2)}
         for name, shape in room.items():
             setattr(state, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
         for name in ("status", "damped"):

@@ -9,14 +9,13 @@ from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.kernels.own_module import own_module
 from multirod.models.rotation_kernels import rotation_from_vector
-from multirod.solvers.tracking.symmetric_kernels import diagonalise, is_definite
+from multirod.solvers.tracking.symmetric_kernels import FEW, diagonalise, is_definite, least_eigenvalue
 from multirod.status import Status
 
 f64 = wp.float64
 LARGE = 0.125  # of the radius: a step whose square says that the tip may be far off
 NUDGE = 1e-3  # of the radius, at least, along a mode that is unstable: its equilibrium is left though nothing pushes
 REACH = 5.0  # of the radius: what a step may change any unknown by, in curvatures of the problem, where constraints bend the way
-FEW = 8  # displacements whose modes are found in each sample; of more only where one is near zero
 
 
 @wp.struct
@@ -131,13 +130,25 @@ def make_descent(feed_forward: bool):
                         total += state.residual_directions[t, r, 0]
                     state.gradient[t, i, 1] = force * total
 
-    @wp.func(inline=False)
-    def find_modes(state: DescentState, t: int) -> f64:
-        """The modes of H, and the least of its eigenvalues."""
+    @wp.func
+    def take_form(state: DescentState, t: int):
+        """(3) H"""
         m = state.forces.shape[0]
         for i in range(m):
             for k in range(m):
                 state.matrix[t, i, k] = f64(0.5) * (state.form[t, i, k] + state.form[t, k, i])
+
+    @wp.func(inline=False)
+    def find_least(state: DescentState, t: int) -> f64:
+        """The least eigenvalue of H alone."""
+        take_form(state, t)
+        return least_eigenvalue(state.matrix, state.values, t)
+
+    @wp.func(inline=False)
+    def find_modes(state: DescentState, t: int) -> f64:
+        """The modes of H, and the least of its eigenvalues."""
+        m = state.forces.shape[0]
+        take_form(state, t)
         diagonalise(state.matrix, state.modes, state.values, t)
         least = state.values[t, 0]
         for i in range(1, m):
@@ -258,12 +269,15 @@ def make_descent(feed_forward: bool):
         reduce(state, t)
         find_form(state, t)
         enough = state.fold_threshold[t] * state.stiffness[t]
+        # of many displacements what is sought is found only where it is asked for
         least = enough
-        known = m <= wp.static(FEW)
-        if not known:
-            known = not is_definite(state.form, state.matrix, t, enough)
-        if known:
+        modes_known = m <= wp.static(FEW)
+        known = modes_known
+        if modes_known:
             least = find_modes(state, t)
+        elif not is_definite(state.form, state.matrix, t, enough):
+            least = find_least(state, t)
+            known = True
         state.margin[t] = least / state.stiffness[t]
         newton(state, t)
         for side in range(wp.static(1 + int(feed_forward))):
@@ -271,12 +285,15 @@ def make_descent(feed_forward: bool):
             if side == 1:
                 radius = f64(0.5) * radius
             if not (least > f64(0.0) and length_of(state, t, side) <= radius):
-                if not known:
-                    least = find_modes(state, t)
-                    known = True
                 if potential(state, t):
+                    if not modes_known:
+                        find_modes(state, t)
+                        modes_known = True
                     down(state, t, side, radius)
                 else:
+                    if not known:
+                        least = find_least(state, t)
+                        known = True
                     damp(state, t, side, radius, least)
                     if side == 0:
                         state.damped[t] = 1

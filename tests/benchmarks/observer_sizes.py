@@ -18,7 +18,7 @@ import multirod as mr
 from multirod.launch import record
 from multirod.problem import Block
 from multirod.solvers import observer as observer_module
-from multirod.solvers.tracking.symmetric_kernels import diagonalise
+from multirod.solvers.tracking.symmetric_kernels import ROOM, diagonalise
 
 SIZES = (3, 5, 8, 12, 18, 24, 42, 72)  # a rod, three tubes, the largest in a kernel; six legs are 42, twelve rods on a body 78
 DT = 0.005
@@ -92,7 +92,7 @@ def main() -> None:
             update, begun = updated(gamma, n)
             own, first = f"{least(update, options.repeats):.1f}", f"{begun:.1f}"
         given: Any = wp.array((gamma @ gamma.T)[None], dtype=wp.float64, device="cpu")
-        room = [wp.zeros_like(given), wp.zeros_like(given), wp.zeros((1, n), dtype=wp.float64, device="cpu")]
+        room = [wp.zeros_like(given), wp.zeros_like(given), wp.zeros((1, ROOM * n), dtype=wp.float64, device="cpu")]
         launch = record(lambda: two_diagonalised, 1, [given, *room], "cpu")
         launch.launch()
         print(f"| {n} | {lapack:.1f} | {own} | {first} | {least(launch.launch, options.repeats):.1f} |", flush=True)
