@@ -41,7 +41,7 @@ from multirod.models.network.elements.groups import ON_RODS, along, is_on_rods
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of, place_of
-from multirod.models.network.joining.checks import holes_by_rod, joints_by_end
+from multirod.models.network.joining.checks import holes_by_rod, joint_called, joints_by_end
 from multirod.models.network.joining.joints import Joint
 from multirod.models.network.places import FIXED, LOADED, PER_ROD
 from multirod.models.network.problem import NetworkProblem
@@ -56,9 +56,9 @@ class Network(Assembly):
     """Rods and rigid bodies in a graph: each end of a rod is joined to a body or the ground, or, of a tip, to nothing.
 
     ``tip_position`` and ``tip_rotation`` of a solution are those of the end effector, ``solution.body_position(name)`` and
-    ``body_rotation(name)`` those of any body. ``solution.rod(name)`` is a rod. What acts on bodies and rods is given by name,
-    ``robot.inputs(force={"plate": (0, 0, -2)}, rotation={"leg 0": 0.1})``, or as arrays in the order of ``load_places`` and of
-    ``rods``.
+    ``body_rotation(name)`` those of any body, ``joint_angle("arm base")`` and ``joint_slide`` say where a joint is.
+    ``solution.rod(name)`` is a rod. What acts on bodies and rods is given by name, ``robot.inputs(force={"plate": (0, 0, -2)},
+    rotation={"leg 0": 0.1})``, or as arrays in the order of ``load_places`` and of ``rods``.
 
     Args:
         rods: The rods by name, each a ``Rod`` or a ``ConcentricTubes`` (whose own base is not used). One with a
@@ -367,6 +367,14 @@ class Network(Assembly):
         whole, frame = body if isinstance(body, tuple) and len(body) == 2 else (body, None)
         index = self.body_index(whole)
         return index, np.eye(4) if frame is None else (*self.graph.bodies, *self.graph.fixed)[index].frame(frame)
+
+    def coordinates_of(self, joint: Joint | str, *, slides: bool) -> tuple[int, int, int | slice]:
+        """Of which end, base or tip, of which piece of a rod coordinates of a joint are, and which of that end's: of one that is
+        called ``"arm base"`` how far it ``slides``, or its angles. Raises ValueError if it has none."""
+        own = joint_called(self.joints, joint, slides=slides)
+        pieces = self.graph.slides.of(self.graph.whole_names.index(own.rod))
+        which = own.angles if slides else slice(own.angles) if own.angles > 1 else 0
+        return (0, pieces[0], which) if own.end == "base" else (1, pieces[-1], which)
 
     def body_index(self, body: Body | str) -> int:
         """Number of a body, among those that move, then those that are fixed.

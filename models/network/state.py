@@ -17,7 +17,8 @@ class State:
     """Bodies and ends of rods of all instances at their unknowns and inputs, for what is asked once; axes (instance, rod, ...).
 
     Attributes:
-        angles: Coordinates of the joints at bases, then at tips, shape (instance, rod, 3).
+        angles: Coordinates of the joints at bases, then at tips, by which they slide in lengths of rods, shape (instance, rod,
+            3).
     """
 
     def __init__(self, problem: "NetworkProblem") -> None:
@@ -38,6 +39,13 @@ class State:
             Holding(self.frames, end.stand, (arms[k], own.attachments[k][1]), end.table.at(self.angles[k]))
             for k, end in enumerate(own.graph.ends)
         ]
+
+        self._units = [end.table.unit for end in own.graph.ends]
+
+    @property
+    def coordinates(self) -> FloatArray:
+        """Coordinates of the joints in radians and metres, shape (instance, end, rod, 3); bases come first."""
+        return np.stack([own * unit for own, unit in zip(self.angles, self._units, strict=True)], axis=1)
 
     def take(self, problem: "NetworkProblem", name: str) -> FloatArray:
         """An input, shape (instance, size)."""

@@ -73,43 +73,6 @@ class Computed(Found[Robot_co]):
             strain = largest(self, [self._whole_shape(shape) for shape in shapes]).reshape(-1, len(shapes))
             self._strain_said = plausibility.of_strains(self.assembly, np.where(unsettled[:, None], np.nan, strain))
 
-    def body_position(self, body: str | tuple[str, str]) -> FloatArray:
-        """Position of the frame of a body in the world [m], shape (..., 3), or of one of its ``frames``, ``("top", "tool")``.
-
-        Raises:
-            AttributeError: If the assembly has no bodies: ``Network`` has.
-            ValueError: If there is no such body or frame.
-        """
-        index, frame = self._frame_of(body)
-        position, rotation = self._body_poses
-        return self._masked(position[:, index] + rotation[:, index] @ frame[:3, 3], (3,))
-
-    def body_rotation(self, body: str | tuple[str, str]) -> FloatArray:
-        """Rotation of a body, body to world, shape (..., 3, 3).
-
-        Raises:
-            AttributeError, ValueError: As ``body_position``.
-        """
-        index, frame = self._frame_of(body)
-        return self._masked(self._body_poses[1][:, index] @ frame[:3, :3], (3, 3))
-
-    def _frame_of(self, body: str | tuple[str, str]) -> tuple[int, FloatArray]:
-        of: Callable[[object], tuple[int, FloatArray]] | None = getattr(self.assembly, "frame_of", None)
-        if of is None:
-            raise AttributeError(f"{type(self.assembly).__name__} has no bodies: Network has")
-        return of(body)
-
-    @cached_property
-    def _body_poses(self) -> list[FloatArray]:
-        return self._gather(lambda problem: problem.body_poses())  # type: ignore[attr-defined]  # of a network
-
-    @cached_property
-    def _pushed_axes(self) -> tuple[FloatArray, FloatArray]:
-        """Of the coordinates of a network's joints that ``joint_torque``, then ``slide_force`` act along: where the ends of rods
-        are [m], and the axes, in the world, shapes (..., k, 3)."""
-        origin, axes = self._gather(lambda problem: problem.pushed_axes())  # type: ignore[attr-defined]
-        return self._masked(origin, origin.shape[1:]), self._masked(axes, axes.shape[1:])
-
     @cached_property
     def end_force(self) -> FloatArray:
         """What holds the end of the rod pulls it with, in the world [N], shape (..., 3).

@@ -11,7 +11,7 @@ import numpy as np
 from multirod.assembly import Robot_co
 from multirod.batch import Instances, along
 from multirod.results import derivatives
-from multirod.results.computed import Computed
+from multirod.results.jointed import Jointed
 from multirod.results.remarks import Remarks
 from multirod.status import Status
 from multirod.types import (
@@ -33,6 +33,8 @@ _OTHER_NAMES = {
         ("position", "shape", "shapes", "centreline", "arclength", "curvature"), "rod(0), which has position and more"
     ),
     **dict.fromkeys(("at", "point", "interpolate"), "along(arclength)"),
+    **dict.fromkeys(("angle", "angles", "joint_angles", "joint_coordinates"), "joint_angle(name), of a joint of a Network"),
+    **dict.fromkeys(("slide", "slides", "joint_slides"), "joint_slide(name), of a joint of a Network"),
     "rotation": "tip_rotation, or rod(0).rotation along a rod",
     **dict.fromkeys(("converged", "success", "ok"), "status, or failed"),
     **dict.fromkeys(("message", "reason"), "status.message"),
@@ -48,7 +50,7 @@ class IncompleteWarning(UserWarning):
     """Of a list that is known to lack something, or may lack something at a place that is known."""
 
 
-class Solution(Computed[Robot_co]):
+class Solution(Jointed[Robot_co]):
     """Equilibria of all instances; every array has the batch's leading axes ``...`` and is read-only: change a copy of it.
 
     An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,

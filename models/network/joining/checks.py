@@ -1,13 +1,13 @@
 """Which joint holds which end, and through which holes rods slide: what is no network is refused."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from multirod.models.network.graph import ENDS
 from multirod.models.network.joining.bodies import Body
 from multirod.models.network.joining.joints import ALONG as ALONG_ROD
-from multirod.models.network.joining.joints import Joint
+from multirod.models.network.joining.joints import SLIDING, Joint
 from multirod.models.network.joining.sliding import uniform
 from multirod.rod import Rod
 from multirod.validation import Described, meant, refuse
@@ -57,3 +57,22 @@ def holes_by_rod(joints: Sequence[Joint], rods: Mapping[str, object]) -> dict[st
         if rod.carried:
             refuse(f"Network.rods[{name!r}]", rod, "must have no members and no lines: it slides through holes")
     return found
+
+
+def joint_called(joints: Iterable[Joint], joint: Joint | str, *, slides: bool) -> Joint:
+    """The joint at an end of a rod that is given, or has this name, ``"arm base"``, and turns or ``slides``.
+
+    Raises:
+        ValueError: If there is no such joint.
+    """
+    ends = {f"{own.rod} {own.end}": own for own in joints if own.end != ALONG_ROD}
+    moving = {name: own for name, own in ends.items() if (own.kind in SLIDING if slides else own.angles)}
+    name = joint if isinstance(joint, str) else next((name for name, own in ends.items() if own is joint), None)
+    if name not in moving:
+        what = "slides" if slides else "turns"
+        known = f"one that {what}: {', '.join(map(repr, moving)) or 'none does'}"
+        other = f"; {name!r} is {ends[name].kind}" if name in ends else ""
+        hole = "; where a hole is along its rod, two nodes of rod(name) say" if getattr(joint, "end", "") == ALONG_ROD else ""
+        hint = meant(joint, moving) if isinstance(joint, str) and not other else ""
+        refuse("joint", joint, f"must be {known}{other}{hole}{hint}")
+    return moving[str(name)]
