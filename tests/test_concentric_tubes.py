@@ -145,7 +145,7 @@ def test_other_solvers_find_the_same_equilibrium(pair, solver):
     )
 
 
-@pytest.mark.parametrize("translation", [(0.0, 0.0), (-0.05, 0.0), (-0.2, -0.1)])
+@pytest.mark.parametrize("translation", [(0.0, 0.0), (-0.05, 0.0), (-0.2, -0.1), (-0.2 + 1e-16, -0.1 + 3e-17)])
 def test_tubes_whose_base_or_section_ends_at_the_plate_twist_behind_it_as_they_are_pulled_back(translation):
     """Their columns are of that side, of twist and shape alike: against differences of fourth order, of poses alone."""
     straight, curved = (0.1, (0, 0, 0.8)), (0.12, (9.0, 0, 0))
@@ -534,6 +534,33 @@ def test_transition_points_that_differ_by_next_to_nothing(pair, gap):
     expected = mr.solve(pair, pair.inputs(**values), solver=solver)
     # the tip moves with the tube, at 10 1/m times the way and 0.1 m
     np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=2 * abs(gap) + 1e-13)
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("gap", [1e-16, -1e-16])
+def test_the_innermost_of_tubes_that_end_together_but_for_rounding_is_loaded(gap, held):
+    """A length and a translation, or sections, are summed with rounding: it must not choose the tube that a load twists."""
+    inner = mr.Rod(length=0.375, bending_stiffness=0.05, torsional_stiffness=0.04, precurvature=(4, 0, 0))
+    outer = mr.Rod(length=0.25, bending_stiffness=0.08, torsional_stiffness=0.06, precurvature=(3, 0, 0))
+    tubes = mr.ConcentricTubes([inner, outer])
+    leg = mr.Rod(length=0.25, bending_stiffness=0.05, torsional_stiffness=0.04)
+    beside = np.eye(4)
+    beside[0, 3] = 0.05
+    robot = mr.ParallelRods(legs=[tubes, leg], base=[np.eye(4), beside], platform=[np.eye(4), beside]) if held else tubes
+    values = {"rotation": (1.0, -0.5, 0.0)[: 3 if held else 2], "tip_moment": (0.02, 0.0, 0.05), "tip_force": (0.0, 0.3, 0.1)}
+
+    def solved(over):
+        translation = np.array([over - 0.125, 0.0, 0.0])[: 3 if held else 2]
+        solution = mr.solve(robot, robot.inputs(**values, translation=translation)).raise_if_failed()
+        return solution, solution.jacobian("tip_moment")
+
+    together, further = solved(0.0), solved(1e-9)  # where the innermost reaches further
+    assert 0.375 + (gap - 0.125) != 0.25
+    for (solution, jacobian), apart in ((solved(gap), 1e-13), (further, 1e-7)):
+        assert solution.stability == together[0].stability
+        # the way between, times how much the tip moves with it; beside that, rounding and where solves end
+        np.testing.assert_allclose(solution.tip_position, together[0].tip_position, rtol=0, atol=apart + 1e-9)
+        np.testing.assert_allclose(jacobian, together[1], rtol=1e-5, atol=1e-7)
 
 
 def test_a_loaded_batch_of_three_is_bitwise_what_each_is_alone():

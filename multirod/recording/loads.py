@@ -8,6 +8,7 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.network import Network
+from multirod.models.backbone.kernels.tips import longest
 from multirod.results.history import History
 from multirod.results.solution import Solution
 from multirod.validation import FloatArray
@@ -155,7 +156,7 @@ def place_of(solution: Solution, robot: Network, place: int, *, nodes: int | Non
     if frame >= 0:
         return solution.body_position(graph.frames[frame]), solution.body_rotation(graph.frames[frame])
     shapes = [solution.rod(k, nodes=nodes) for k in robot.tubes_of(name)]
-    end = np.stack([shape.arclength[..., -1] for shape in shapes], axis=-1).argmax(axis=-1)
+    end = longest(np.stack([shape.arclength[..., -1] for shape in shapes], axis=-1))
     position = np.stack([shape.position[..., -1, :] for shape in shapes], axis=-2)
     rotation = np.stack([shape.rotation[..., -1, :, :] for shape in shapes], axis=-3)
     return (

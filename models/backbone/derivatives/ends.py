@@ -19,7 +19,8 @@ def move_ends(names: Iterable[object]) -> bool:
 
 
 def ways_back(arrays: RodArrays, translation: FloatArray) -> FloatArray:
-    """How far each rod is moved back, further than those before it, so that no ends of two are at one place: zero where none are.
+    """How far each rod is moved back: further than those before it, so that no ends of two are at one place, and so that none is
+    at the plate but for rounding; zero where none are.
 
     Args:
         arrays: The rods.
@@ -28,16 +29,14 @@ def ways_back(arrays: RodArrays, translation: FloatArray) -> FloatArray:
     Returns:
         Shape (instance, n).
     """
-    n = translation.shape[1]
-    if n == 1:
-        return np.zeros(translation.shape)
     ends = arrays.end + translation[:, :, None]
     places = ends.reshape(len(ends), -1)
     order = np.argsort(places, axis=1)
     places, owners = np.take_along_axis(places, order, axis=1), order // arrays.end.shape[2]
     same = (np.diff(places, axis=1) <= SAME_PLACE) & (np.diff(owners, axis=1) != 0) & (places[:, 1:] > SAME_PLACE)
-    length = ends[:, :, -1].max(axis=1, keepdims=True)
-    return np.where(same.any(axis=1, keepdims=True), APART * length * np.arange(n), 0.0)
+    at_plate = (places > 0) & (places <= SAME_PLACE)  # one that is there is pulled back as it is
+    apart = same.any(axis=1, keepdims=True) * np.arange(translation.shape[1]) + at_plate.any(axis=1, keepdims=True)
+    return np.asarray(APART * ends[:, :, -1].max(axis=1, keepdims=True) * apart)
 
 
 def part_ends(problem: BoundaryProblem, names: Iterable[object], rods: Iterable[tuple[RodArrays, slice]]) -> FloatArray:

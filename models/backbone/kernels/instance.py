@@ -8,6 +8,7 @@ import warp as wp
 from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.layout.rows import InputOffsets
+from multirod.models.backbone.kernels.tips import longest_of, tip_of
 
 f64 = wp.float64
 
@@ -120,11 +121,8 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
         case.base_rotation = rods.base_rotation[t * rods.base_stride]
         case.to_base = wp.transpose(case.base_rotation)
         case.scale = rods.length_scale[case.rods]
-        case.length = rod_end(rods, call, case, 0)
-        for i in range(1, rods.end.shape[1]):
-            if rod_end(rods, call, case, i) > case.length:
-                case.length = rod_end(rods, call, case, i)
-                case.longest = i
+        case.length = tip_of(rods.end, case.rods, call.problem.inputs, t)
+        case.longest = longest_of(rods.end, case.rods, call.problem.inputs, t)
         case.tip_force = case.to_base * load_vector(call, t, TIP_FORCE)
         case.tip_moment = case.to_base * load_vector(call, t, TIP_MOMENT)
         case.distributed_force = case.to_base * load_vector(call, t, DISTRIBUTED_FORCE)

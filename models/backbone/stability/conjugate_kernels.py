@@ -4,6 +4,7 @@
 import warp as wp
 
 from multirod.kernels.own_module import own_module
+from multirod.models.backbone.kernels.tips import longest_of, reaches
 from multirod.models.rotation_kernels import rotation_from_vector
 
 f64 = wp.float64
@@ -39,24 +40,6 @@ class Pairs:
 
 
 @wp.func
-def longest_of(end: wp.array3d[wp.float64], row: int, inputs: wp.array2d[wp.float64], t: int, rods: int) -> int:
-    """The rod that ends at the tip."""
-    longest = int(0)
-    last = end.shape[2] - 1
-    for i in range(1, rods):
-        if end[row, i, last] + inputs[t, rods + i] > end[row, longest, last] + inputs[t, rods + longest]:
-            longest = i
-    return longest
-
-
-@wp.func
-def reaches(end: wp.array3d[wp.float64], row: int, inputs: wp.array2d[wp.float64], t: int, rods: int, i: int, other: int) -> bool:
-    """Whether rod i reaches as far as another."""
-    last = end.shape[2] - 1
-    return end[row, i, last] + inputs[t, rods + i] >= end[row, other, last] + inputs[t, rods + other]
-
-
-@wp.func
 def angle_of(columns: wp.array3d[wp.float64], t: int, first: int, i: int, k: int) -> f64:
     """How rod i turns against the frame."""
     if i < first:
@@ -72,7 +55,7 @@ def find_displacements(pairs: Pairs):
         return
     row = t * pairs.stride
     rods = pairs.rods
-    longest = longest_of(pairs.end, row, pairs.inputs, t, rods)
+    longest = longest_of(pairs.end, row, pairs.inputs, t)
     concentric = pairs.first == 1
     shared = concentric and pairs.torque_count > 0
     to_axes = wp.transpose(pairs.rotation[t])
@@ -86,7 +69,7 @@ def find_displacements(pairs: Pairs):
     if rods > 1 and pairs.moment >= 0:
         EI = f64(0.0)
         for i in range(rods):
-            if reaches(pairs.end, row, pairs.inputs, t, rods, i, longest):
+            if reaches(pairs.end, row, pairs.inputs, t, i, longest):
                 EI += pairs.bending[row, i]
         pairs.unit[t, pairs.moment] = EI
         pairs.unit[t, pairs.moment + 1] = EI

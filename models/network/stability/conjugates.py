@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray
 from multirod.capabilities import Conjugates
 from multirod.models.backbone.inputs import LOADS
+from multirod.models.backbone.kernels.tips import as_far, longest
 from multirod.models.backbone.units import unit_stiffness
 from multirod.models.network.elements.elements import GAP_AT, OWN, POSE, TURN_AT, Elements
 from multirod.models.network.joining.joints import MOST
@@ -124,15 +125,15 @@ class NetworkConjugates(Conjugates):
             if not own.features.torque_count:
                 continue
             reach = own.arrays.end[:, :, -1] + own.read("inputs")[:, own.input_slice("translation")]
-            longest = reach.argmax(axis=1)
+            at_tip = longest(reach)
             all_ = np.broadcast_to(np.arange(count), reach.shape)
-            others = all_[all_ != longest[:, None]].reshape(len(reach), count - 1)
+            others = all_[all_ != at_tip[:, None]].reshape(len(reach), count - 1)
             torsion = own.each(unit_stiffness(own.arrays.material[:, :, -1, :3])[..., 2])
-            far = np.take_along_axis(reach >= reach[:, :1], others, axis=1)
+            far = np.take_along_axis(as_far(reach, reach[:, :1]), others, axis=1)
             stiff = np.take_along_axis(torsion, others, axis=1)
             for place, rod in enumerate(group.members.tolist()):
                 mine = slice(place, None, len(group.members))
-                yield Tubes(rod, others[mine], longest[mine], far[mine], stiff[mine])
+                yield Tubes(rod, others[mine], at_tip[mine], far[mine], stiff[mine])
 
     def update(self) -> None:  # noqa: D102
         problem = self.problem

@@ -4,7 +4,8 @@
 import warp as wp
 
 from multirod.kernels.own_module import own_module
-from multirod.models.backbone.stability.conjugate_kernels import angle_of, longest_of, reaches
+from multirod.models.backbone.kernels.tips import longest_of, reaches
+from multirod.models.backbone.stability.conjugate_kernels import angle_of
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL, column
 from multirod.models.platform.platform_kernels import POSE, Legs, Robots
 
@@ -37,7 +38,7 @@ def find_leg_displacements(robots: Robots, legs: Legs, pairs: LegPairs):
     leg = legs.leg[place]
     m = legs.unknown_count
     own = t * pairs.stride
-    longest = longest_of(pairs.end, own, legs.problem.inputs, t, legs.rods)
+    longest = longest_of(pairs.end, own, legs.problem.inputs, t)
     to_tip = wp.transpose(legs.problem.rotation[t])
     joint = robots.joint[leg]
     axis = robots.axis[leg]
@@ -57,7 +58,7 @@ def find_leg_displacements(robots: Robots, legs: Legs, pairs: LegPairs):
         for i in range(legs.rods):
             if pairs.torques > 0 and i != longest:
                 angle = angle_of(pairs.angle_columns, t, 1, i, k)
-                if reaches(pairs.end, own, legs.problem.inputs, t, legs.rods, i, 0):
+                if reaches(pairs.end, own, legs.problem.inputs, t, i, 0):
                     angle -= angle_of(pairs.angle_columns, t, 1, longest, k)
                 pairs.columns[b, row, at] = angle
                 pairs.unit[b, row] = pairs.torsion[own, i]

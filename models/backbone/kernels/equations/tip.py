@@ -22,6 +22,7 @@ from multirod.models.backbone.kernels.numbers.scalars import (
     total_magnitude,
     turned_about_z,
 )
+from multirod.models.backbone.kernels.tips import reaches
 
 f64 = wp.float64
 
@@ -42,7 +43,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     ROTATION, TIP_FORCE, TIP_MOMENT, TIP_CURVATURE = at.ROTATION, at.TIP_FORCE, at.TIP_MOMENT, at.TIP_CURVATURE
     FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
     load_vector, direction_vector = grid.load_vector, grid.direction_vector
-    rod_end, section_from, section_at = grid.rod_end, grid.section_from, grid.section_at
+    section_from, section_at = grid.section_from, grid.section_at
     pose = make_tip_pose(layout, base)
     moment_of, moment_column_of, frame, frame_column = pose.moment_of, pose.moment_column_of, pose.frame, pose.frame_column
     body_moment, body_moment_column = pose.body_moment, pose.body_moment_column
@@ -78,23 +79,18 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return case.scale / bending_stiffness(rods, case, 0, m)
 
     @wp.func
-    def reaches_as_far(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int) -> bool:
-        """Whether rod i reaches as far as rod 1.
-
-        The torque of a rod that has ended is constant from there on, and so is what the others leave of M_z.
-        """
-        return rod_end(rods, call, case, i) >= rod_end(rods, call, case, 0)
-
-    @wp.func
     def torque(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, i: int) -> f64:
-        """Torque of rod i at its own end."""
+        """Torque of rod i at its own end.
+
+        That of a rod that has ended is constant from there on, and so is what the others leave of M_z.
+        """
         if i >= wp.static(FIRST):
             return y[wp.static(TAU_AT) + i - wp.static(FIRST)]
         M = body_moment(y)
         rest = M[2]
         last = int(wp.static(TORQUES + 1))
         for j in range(1, last):
-            if reaches_as_far(rods, call, case, j):
+            if reaches(rods.end, case.rods, call.problem.inputs, case.index, j, 0):
                 rest -= y[wp.static(TAU_AT) + j - 1]
         return rest
 
@@ -107,7 +103,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         rest = dM[2]
         last = int(wp.static(TORQUES + 1))
         for j in range(1, last):
-            if reaches_as_far(rods, call, case, j):
+            if reaches(rods.end, case.rods, call.problem.inputs, case.index, j, 0):
                 rest -= v[wp.static(TAU_AT) + j - 1]
         return rest
 

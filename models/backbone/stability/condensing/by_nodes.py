@@ -6,6 +6,7 @@ Numbers in parentheses are those of ``docs/stability.md``.
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.backbone.kernels.tips import as_far, longest
 from multirod.models.backbone.stability.condensing.inverses import inverses, negative_count, row_condition
 from multirod.models.backbone.stability.condensing.second_variation import STIFF, WORST_CONDITION, CondensedForm, NodeColumns
 from multirod.rotations import cross
@@ -20,10 +21,9 @@ def condensed_form(columns: NodeColumns, unit: FloatArray) -> CondensedForm:
     matrix = np.zeros((count, size, size))
     matrix[:, range(size), range(size)] = STIFF * unit[:, None]
     result = CondensedForm(matrix, np.zeros(count, dtype=np.int32), np.zeros(count, dtype=bool))
-    longest = np.argmax(columns.ends, axis=1)
     order = np.argsort(columns.ends, axis=1, kind="stable")
-    short = np.take_along_axis(columns.ends, order, 1) < columns.ends.max(axis=1)[:, None]
-    patterns = np.column_stack([longest, np.where(short, order, -1)])
+    short = ~as_far(np.take_along_axis(columns.ends, order, 1), columns.ends.max(axis=1, keepdims=True))
+    patterns = np.column_stack([longest(columns.ends), np.where(short, order, -1)])
     alike = (patterns == patterns[:1]).all()
     for pattern in patterns[:1] if alike else np.unique(patterns, axis=0):
         chosen = np.flatnonzero((patterns == pattern).all(axis=1))
