@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from multirod.assembly import pose as checked_pose
 from multirod.models.network.joining.bodies import Body, Ground, name_of
 from multirod.read_only import ReadOnly, changed
-from multirod.rotations import left_jacobian, matrices, vectors
+from multirod.rotations import vectors, with_changes
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, directions, frozen, nonnegative_float, positive_float, refuse
 
@@ -264,12 +264,9 @@ class JointTable:
             still, none = np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.broadcast_to(0.0, (*shape, 3, 3))
             return Turns(still, none, none, none, none, self.slide, moved)
 
-        def turned(axes: FloatArray) -> tuple[FloatArray, FloatArray]:
-            a = np.einsum("jik,bjk->bji", axes, angles).reshape(-1, 3)
-            return matrices(a).reshape(*shape, 3, 3), left_jacobian(a).reshape(*shape, 3, 3) @ axes
-
-        first, by_first = turned(self.inner)
-        second, by_second = turned(self.outer)
+        axes = np.stack([self.inner, self.outer])
+        rotations, by_vectors = with_changes(np.einsum("ejik,bjk->ebji", axes, angles))
+        (first, second), (by_first, by_second) = rotations, by_vectors @ axes[:, None]
         carried = first @ self.outer
         turns = by_first + first @ by_second
         return Turns(first @ second, turns, self.inner + carried, carried, by_first, self.slide, moved)
