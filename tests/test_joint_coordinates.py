@@ -103,6 +103,10 @@ def test_what_is_driven_is_where_it_is_driven_to():
     for name, own in angle.items():
         np.testing.assert_array_equal(history.joint_angle(name), own)
     np.testing.assert_array_equal(history.joint_slide("back base"), 0.02 * t)
+    data = history.to_xarray()
+    np.testing.assert_array_equal(data["joint_angle"].sel(turned_joint="left tip 1"), -t)
+    np.testing.assert_array_equal(data["joint_angle"].sel(turned_joint="through base"), t)
+    np.testing.assert_array_equal(data["joint_slide"].sel(slid_joint="back base"), 0.02 * t)
     again = robot.inputs(angle={name: history[2].joint_angle(name) for name in angle}, slide={"back base": 0.02 * t[2]})
     np.testing.assert_array_equal(again.angle, history.inputs.angle[2])
 

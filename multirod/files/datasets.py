@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 import multirod
+from multirod.assembly import Assembly
 from multirod.files.optional import optional
 from multirod.files.whole import written
 from multirod.models.assemblies.network import Network
@@ -37,6 +38,11 @@ OF_LINES = (
     ("tension", "N", "tension of each line, negative where it pushes"),
     ("line_length", "m", "length of each line between its start and its end on the rod"),
     ("slack", "1", "1 where a line hangs loose, 0 where it does not"),
+)
+TURNED, SLID = "turned_joint", "slid_joint"  # axes of numbers of joints
+OF_JOINTS = (
+    ("joint_angle", TURNED, "rad", "how far each joint of a network is turned from where its pose says"),
+    ("joint_slide", SLID, "m", "how far the end of the rod has slid in it"),
 )
 ALONG = (
     ("arclength", (), "m", "arclength from the base"),
@@ -74,7 +80,7 @@ def dataset(solution: Solution, nodes: int | None) -> Any:  # noqa: ANN401  (xar
         if solution._outcome.rates is not None:
             rates = {"units": "1/s", "long_name": "closed-loop rates of the observer"}
             variables["rates"] = (("time", *axes[1:], "mode"), solution.rates, rates)
-    variables |= _lines(solution, axes) | _bodies(solution, axes) | _inputs(solution, axes)
+    variables |= _lines(solution, axes) | _bodies(solution, axes) | _joints(solution, axes) | _inputs(solution, axes)
     if nodes is not None:
         variables["energy"] = (axes, solution.energy, {"units": "J", "long_name": "elastic energy of all rods"})
         if any(rod.outer_diameter is not None for rod in solution.assembly.rods):
@@ -151,6 +157,25 @@ def _bodies(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
+def _joints(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
+    """Where the joints of a network are that turn or slide."""
+    found: dict[str, Any] = {}
+    for name, axis, unit, meaning in OF_JOINTS:
+        joints = _numbers_of_joints(solution.assembly, axis)
+        values = [getattr(solution, name)(joint).reshape(*solution.batch_shape, -1) for joint in joints]
+        if values:
+            found[name] = ((*axes, axis), np.concatenate(values, axis=-1), {"units": unit, "long_name": meaning})
+    return found
+
+
+def _numbers_of_joints(robot: Assembly, axis: str) -> dict[str, int]:
+    """Joints by name, and how many angles or slides each has."""
+    if not isinstance(robot, Network):
+        return {}
+    counts = ((own, own.count - own.angles if axis == SLID else own.angles) for own in robot.joints if own.end != "along")
+    return {f"{own.rod} {own.end}": count for own, count in counts if count}
+
+
 def _along(solution: Solution, axes: tuple[str, ...], nodes: int) -> dict[str, Any]:
     shapes = [solution.rod(k, nodes=nodes) for k in range(solution.assembly.rod_count)]
     place = len(axes)
@@ -172,6 +197,9 @@ def _coordinates(solution: Solution) -> dict[str, Any]:
     if isinstance(assembly, Network):
         names |= {"body": [body.name for body in assembly.bodies], "load_place": list(assembly.load_places)}
         names |= {"whole_rod": list(assembly.graph.whole_names)}
+        for axis in (TURNED, SLID):
+            counts = _numbers_of_joints(assembly, axis).items()
+            names[axis] = [f"{joint} {k}" if n > 1 else joint for joint, n in counts for k in range(n)]
         names |= {"coordinate" if name == "angle" else name: list(own) for name, own in assembly.coordinate_names.items()}
     for spec in solution.inputs.specs.values():
         if spec.count is not None and spec.acts == "lines":
