@@ -121,9 +121,14 @@ class Parts(ABC):
         """Whether ``clamped`` is offered."""
         return False
 
+    @property
+    def all_clamped(self) -> bool:
+        """Whether it clamps all rods: those that it leaves out may have modes of their own."""
+        return self.may_be_clamped
+
     def clamped(self, instances: IntArray, pieces: int, times: int = 1) -> "BoundaryProblem":
-        """A problem of these instances, (k,), with ``clamps`` that cut each rod into so many pieces, as exact as it can be and
-        with the columns of the pose, at as many steps as ``followed``."""
+        """A problem of these instances, (k,), with ``clamps`` that cut each rod that can be into so many pieces, as exact as
+        it can be and with the columns of the pose, at as many steps as ``followed``."""
         raise NotImplementedError(f"{type(self).__name__} does not clamp rods")
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from random_legs import draw, violation
+from test_network_branches import PIECES, clamped, hold_columns_of_clamps
 
 import multirod as mr
 from multirod.capabilities import Loading
@@ -143,6 +144,26 @@ def test_gamma_on_the_way_together(number, difference):
             found = difference(lambda t, way=way: problem.evaluate(x + t * way)[0][0], 1e-3 * size)
             # what rounding leaves of differences of a thousandth, and their sixth order
             np.testing.assert_allclose(gamma[0] @ way, found, rtol=0, atol=1e-9 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("number", [25, 41])  # joints of all kinds, tubes, bases that are turned
+def test_clamps_of_legs_beside_tubes(number):
+    """Legs of single rods are clamped at places along them, tubes beside them are not."""
+    drawn = draw(number)
+    problem, x = clamped(drawn.robot, drawn.inputs)
+    rods = sum(len(leg) == 1 for leg in drawn.sections)
+    assert 0 < rods < len(drawn.sections)
+    assert problem.clamps.size == 3 * (PIECES - 1) * rods
+    hold_columns_of_clamps(problem, x)
+
+
+@pytest.mark.parametrize(("seed", "number"), [(91, 247), (92, 165)])
+def test_legs_buckle_beside_tubes(seed, number):
+    """Twelve legs, some of them two tubes: clamps along the others tell where these buckle."""
+    drawn = draw(number, seed, 12, 5.0)
+    solution = mr.solve(drawn.robot, drawn.inputs)
+    assert solution.status in (mr.Status.SNAPPED, mr.Status.LOWEST_ENERGY)
+    assert solution.stability is mr.Stability.STABLE
 
 
 @pytest.mark.parametrize(("joints", "spreads"), [("clamped", (0.01, 0.03, 0.1)), ("spherical", (0.05, 0.1))])

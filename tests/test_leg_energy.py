@@ -6,6 +6,8 @@ from discrete_energy import DiscreteEnergy, Tube
 from leg_energy import Leg, LegEnergy, SleevedLeg
 from relaxation import CreepingRods, rotation
 
+import multirod as mr
+
 COUNT = 12
 
 
@@ -84,3 +86,46 @@ def test_a_sleeved_leg_is_a_pair_of_tubes(turn):
         other.tip(found[None, : 3 * COUNT].reshape(1, COUNT, 3), np.zeros(1))[0], energy.position, atol=1e-2
     )
     np.testing.assert_allclose(np.cumsum(found[3 * COUNT :]) / COUNT + turn, leg.angle[1:], atol=2e-2)
+
+
+def circle(degrees, radius):
+    """Poses on a circle, upright."""
+    poses = np.tile(np.eye(4), (len(degrees), 1, 1))
+    poses[:, :2, 3] = radius * np.stack([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))], axis=-1)
+    return poses
+
+
+def test_a_triangulated_platform_on_strips_snaps_to_a_minimum():
+    """Clamped at both ends: some modes vanish nearly together, and the platform falls and turns over."""
+    length, stiffness = 0.25, np.array([0.1333, 0.0333, 0.0513])
+    base = circle([-10, 10, 110, 130, 230, 250], 0.08)
+    platform = circle([-50, 50, 70, 170, 190, 290], 0.05)
+    strip = mr.Rod(length=length, bending_stiffness=tuple(stiffness[:2]), torsional_stiffness=stiffness[2])
+    robot = mr.ParallelRods(legs=[strip] * 6, base=base, platform=platform)
+    (critical,) = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)))
+    force = 1.05 * critical.load_factor * np.array([0, 0, -1])
+    found = mr.solve(robot, robot.inputs(tip_force=force))
+    assert found.status is mr.Status.SNAPPED
+    assert found.stability is mr.Stability.STABLE
+    base[:, :3, 3] /= length
+    platform[:, :3, 3] /= length
+    legs = [
+        Leg(
+            1.0,
+            stiffness / stiffness[0],
+            None,
+            np.zeros(3),
+            base[k],
+            platform[k],
+            "clamped",
+            np.zeros(3),
+            np.array(found.rod(k, nodes=COUNT + 1).rotation),
+            np.zeros(COUNT + 1),
+        )
+        for k in range(6)
+    ]
+    place = np.array(found.tip_position) / length
+    energy = LegEnergy(legs, place, np.array(found.tip_rotation), force * length**2 / stiffness[0])
+    assert energy.settle() < 1e-6  # Newton's method: far below what segments err by
+    np.testing.assert_allclose(energy.position, place, rtol=0, atol=0.02)  # of segments: some (1/12)^2
+    assert energy.lowest() > 0

@@ -37,17 +37,14 @@ def at(problem, x):
     return problem.read("residual")[0]
 
 
-def test_clamps_turn_and_move_with_the_bases_of_their_rods():
-    """(26), (27), and what their moments do to the residual, by differences: bodies, joints, gravity and a load along rods."""
-    robot = mixed("feeler")
-    problem, x = clamped(robot, robot.inputs(**STEEP))
+def hold_columns_of_clamps(problem, x):
+    """What unknowns and moments ``x`` do to the residual, and how they turn clamps, against differences."""
     n, clamps = problem.unknown_count, problem.clamps
     at(problem, x)
     clamps.pairs.update()
     frames = clamps.frames()[0]
     gamma = np.concatenate([problem.read("gamma").reshape(n, n), problem.residual_directions.numpy()[0]], axis=1)
-    turned, moved = clamps.turned()[0], clamps.moved()[0]
-    rng = np.random.default_rng(0)
+    turned, rng = clamps.turned()[0], np.random.default_rng(0)
     for _ in range(6):
         way, step = rng.normal(size=len(x)), 1e-3
         eps, turns = np.zeros(n), np.zeros(len(turned))
@@ -58,6 +55,14 @@ def test_clamps_turn_and_move_with_the_bases_of_their_rods():
         # differences of the fourth order of what changes by its own size
         np.testing.assert_allclose(gamma @ way, eps, rtol=0, atol=1e-8 * np.abs(eps).max())
         np.testing.assert_allclose(turned @ way, turns, rtol=0, atol=1e-8 * np.abs(turns).max())
+
+
+def test_clamps_turn_and_move_with_the_bases_of_their_rods():
+    """(26), (27), and what their moments do to the residual, by differences: bodies, joints, gravity and a load along rods."""
+    robot = mixed("feeler")
+    problem, x = clamped(robot, robot.inputs(**STEEP))
+    n, clamps, rng, step = problem.unknown_count, problem.clamps, np.random.default_rng(0), 1e-3
+    hold_columns_of_clamps(problem, x)
     # places are those of the nodes of rods on which no clamp bears
     x[n:] = 0
     at(problem, x)

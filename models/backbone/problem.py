@@ -7,6 +7,7 @@ lengths, stiffnesses and loads as numbers in ``sizes``.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, TypedDict, TypeVar, Unpack
 
@@ -68,6 +69,7 @@ class ProblemOptions(TypedDict, total=False):
     pieces: int
     first_moment: IntArray | int
     load_directions: int
+    varied: bool
 
 
 class BackboneProblem(BoundaryProblem):
@@ -79,7 +81,8 @@ class BackboneProblem(BoundaryProblem):
     columns, and of the residual only the torques of the rods that end before it. ``arrays`` are those of ``rods``, or of several
     backbones of the same build along the last batch axis. Of several ``pieces``, the rod is clamped between them by moments that
     stand among the directions, of each instance from the number ``first_moment`` on, one for all or (instance_count,); the
-    ``load_directions`` before them change what acts along the rod.
+    ``load_directions`` before them change what acts along the rod. Where it is not ``varied``, directions are moments of clamps
+    alone, and those of other rods have no columns.
     """
 
     def __init__(
@@ -102,6 +105,7 @@ class BackboneProblem(BoundaryProblem):
         pieces: int = 1,
         first_moment: IntArray | int = 0,
         load_directions: int = 0,
+        varied: bool = True,
     ) -> None:
         arrays = lower(rods) if arrays is None else arrays
         batch_shape = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape, base.shape[:-2])
@@ -179,8 +183,10 @@ class BackboneProblem(BoundaryProblem):
         if pieces > 1:
             first = np.broadcast_to(first_moment, self.instance_count)
             self.launch = ClampedBackbones(self, pieces, first, load_directions)
-        else:
+        elif varied:
             self.launch = self.lane_pass(self.features, self._call)
+        else:
+            self.launch = self.lane_pass(replace(self.features, directions=False), self._call, columns=(n, 0))
 
     def _features(self, inputs: Inputs) -> Features:
         options = self.options

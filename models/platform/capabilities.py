@@ -27,6 +27,10 @@ class PlatformParts(PartsAtEqualSteps["ParallelProblem"]):
 
     @property
     def may_be_clamped(self) -> bool:  # noqa: D102
+        return not self.problem.inverse and any(group.backbones.may_be_clamped for group in self.problem.groups)
+
+    @property
+    def all_clamped(self) -> bool:  # noqa: D102
         return not self.problem.inverse and all(group.backbones.may_be_clamped for group in self.problem.groups)
 
     def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> "ParallelProblem":
@@ -35,7 +39,9 @@ class PlatformParts(PartsAtEqualSteps["ParallelProblem"]):
             self.problem.inputs_given.take(self.problem.batch_shape, instances),
         )
         options = {**self.problem.options, **({"pose_sensitivities": True} if poses else {})}
-        result = type(self.problem)(geometry, inputs, integrator=integrator, pieces=pieces, **options)
+        clamped = {leg for group in self.problem.groups if group.backbones.may_be_clamped for leg in group.members}
+        cut = [pieces if leg in clamped else 1 for leg in range(len(geometry.legs))]
+        result = type(self.problem)(geometry, inputs, integrator=integrator, pieces=cut, **options)
         result.stop = self.problem.stop
         for name in ("inputs", "unknowns"):
             result.write(name, self.problem.read(name)[instances])

@@ -41,8 +41,9 @@ class LegGroup:
             pose_sensitivities=True,
             held=True,
             arrays=arrays,
-            pieces=problem.pieces,
-            first_moment=np.tile(3 * (problem.pieces - 1) * np.array(members), problem.instance_count),
+            pieces=int(problem.pieces[members[0]]),
+            first_moment=np.tile(problem.first_moment[list(members)], problem.instance_count),
+            varied=not problem.cut,
             **options,
         )
         self._write_constants(problem, base)

@@ -69,11 +69,13 @@ class ParallelProblem(BoundaryProblem):
         lengths: bool = False,
         design: Sequence[str] = (),
         enabled: Sequence[str] = (),
-        pieces: int = 1,
+        pieces: Sequence[int] = (),
     ) -> None:
-        if pieces > 1:
-            direction_count = 3 * (pieces - 1) * len(geometry.legs)
-        self.pieces = pieces
+        self.pieces = np.array(pieces or [1] * len(geometry.legs))
+        self.first_moment = 3 * np.cumsum([0, *(self.pieces - 1)])  # of each leg, and how many there are
+        self.cut = bool(self.first_moment[-1])
+        if self.cut:
+            direction_count = int(self.first_moment[-1])
         self.leg_direction_count = direction_count if leg_direction_count is None else leg_direction_count
         self.geometry = geometry
         self.inverse = inverse
@@ -112,7 +114,7 @@ class ParallelProblem(BoundaryProblem):
         }
         builds: dict[tuple[Any, ...], list[int]] = {}
         for k, leg in enumerate(geometry.legs):
-            builds.setdefault((leg.rod_count, leg.transmission, leg.arrays.build), []).append(k)
+            builds.setdefault((leg.rod_count, leg.transmission, leg.arrays.build, self.pieces[k]), []).append(k)
         self.groups = [LegGroup(self, members, inputs, options) for members in builds.values()]
         self.rounding = self.groups[0].backbones.rounding
         self.measured = inputs.measured
@@ -165,7 +167,7 @@ class ParallelProblem(BoundaryProblem):
 
     @cached_property
     def clamps(self) -> PlatformClamps | None:  # noqa: D102
-        return PlatformClamps(self) if self.pieces > 1 else None
+        return PlatformClamps(self) if self.cut else None
 
     @property
     def joints(self) -> PlatformJoints:  # noqa: D102

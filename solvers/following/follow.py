@@ -95,7 +95,7 @@ def follow(
                 side,
                 before is not None,
                 together.tip is not None,
-                together.tip is not None and (problem.joints is None or clamped is None),
+                together.tip is not None and (problem.joints is None or not parts.all_clamped),
                 stability.multistable and before is None,
                 NOISY if segmented else np.inf,
                 float(singular[place]),
@@ -148,7 +148,8 @@ class _Together:
         self.part, self.before, self.after = part, before, part.read("inputs")
         self.levels = np.ones(part.instance_count)
         self._most_steps = MOST_STEPS * len(part.blocks)
-        self._each, self._steps = np.zeros((2, part.instance_count), dtype=np.int64)  # of the longest integration, and of all
+        self._steps = np.zeros(part.instance_count, dtype=np.int64)  # of all integrations
+        self._each = np.full(part.instance_count, 2**31)  # of the shortest, as which those go that are not counted
         self.tip = None if not judged or part.conjugates is None else Turns(part.conjugates)
         self._clamped = None if clamped is None else cache(clamped)
 
@@ -212,8 +213,9 @@ class _Together:
         self.levels[places] = level
         with self._placed(part), part.only(on):
             part.integrate()
-        self._each[places] = np.maximum(self._each[places], part.step_count.numpy()[places])
-        self._steps[places] += self._each[places]
+        taken = part.step_count.numpy()[places]
+        self._each[places] = np.minimum(self._each[places], taken)
+        self._steps[places] += taken
         residual, gamma = part.read("residual")[places], part.read("gamma").reshape(-1, n, n)[places]
         residual[part.fault.numpy()[places] != 0] = np.nan
         return residual, gamma, self._steps[places] > self._most_steps
@@ -266,7 +268,7 @@ class _Together:
             frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
             costless = turns.clamps.costless() or ()
         residual[part.fault.numpy() != 0] = np.nan
-        self._steps[places] += self._each[places]
+        self._steps[places] += np.maximum(self._each, part.step_count.numpy())[places]
         more = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
         own = (values[places] for values in more)
         points = Points(unknowns[places], self.levels[places], residual[places], gamma[places], turns.forces, *own)
@@ -296,8 +298,8 @@ class _Together:
                 chosen=chosen,
             )
         found, rest = part.read("unknowns"), ~failures(outcome.status)
-        self._each = np.maximum(self._each, part.step_count.numpy())
-        self._steps[list(asked)] += self._each[list(asked)] * outcome.integrations[list(asked)]
+        each = np.maximum(self._each, part.step_count.numpy())
+        self._steps[list(asked)] += (each * outcome.integrations)[list(asked)]
         return {k: (found[k] if rest[k] else None, int(outcome.integrations[k])) for k in asked}
 
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:

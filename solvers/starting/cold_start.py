@@ -185,14 +185,14 @@ class ColdStart:
             lowest_stable(problem, newton, outcome, self.lost, steps, further)
 
         # what has no clamps may snap within its legs as joints close, to wherever
-        told = problem.parts is not None and problem.parts.may_be_clamped
+        told = problem.parts is not None and problem.parts.all_clamped
         for way in (by_closing, from_several_places) if told else (from_several_places, by_closing):
             newton.allow(self._allowed)
             way()
 
     def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
         """From where a branch ended in a part of all that one solve does, or from an unstable state that it led to."""
-        lost, reached = np.isin(outcome.status, (Status.BRANCH_END, Status.STALLED, Status.UNSTABLE)), outcome.reached
+        lost, reached = np.isin(outcome.status, (*ENDED, Status.STALLED, Status.UNSTABLE)), outcome.reached
         if lost.any() and reached is not None:
             left = np.maximum(newton.allowed() - outcome.integrations, 0)
             go_on(self.options, problem, newton, outcome, lost, reached, problem.read("unknowns"), left=left)

@@ -1,11 +1,12 @@
 """Legs on a platform, clamped at places along them."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multirod.capabilities import Clamps, Conjugates
-from multirod.models.backbone.stability.clamps import clamped
+from multirod.models.backbone.stability.clamps import ClampedBackbones, clamped
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -13,16 +14,13 @@ if TYPE_CHECKING:
 
 
 class PlatformClamps(Clamps):
-    """Of a ``ParallelProblem`` made of several pieces a leg: the clamps of the first leg, then those of the next."""
+    """Of a ``ParallelProblem`` with legs in several pieces: the clamps of the first of these, then those of the next."""
 
     def __init__(self, problem: "ParallelProblem") -> None:
-        self.problem, self.each = problem, problem.pieces - 1
-        count, legs = problem.instance_count, len(problem.geometry.legs)
-        self.size = 3 * self.each * legs
-        unit = np.zeros((count, legs, self.each, 3))
-        for group in problem.groups:
-            unit[:, list(group.members)] = clamped(group.backbones).unit.reshape(count, -1, 1, 3)
-        self.unit = unit.reshape(count, self.size)
+        self.problem, self.size = problem, int(problem.first_moment[-1])
+        self.unit = np.zeros((problem.instance_count, self.size))
+        for _, own, chain, of_leg in self._legs():
+            self.unit[:, own] = np.tile(chain.unit[of_leg], chain.pieces - 1)
 
     @property
     def pairs(self) -> Conjugates:  # noqa: D102
@@ -31,12 +29,11 @@ class PlatformClamps(Clamps):
         return pairs
 
     def put(self, moments: FloatArray) -> None:  # noqa: D102
-        own = moments.reshape(len(moments), -1, self.each, 3)
-        for group in self.problem.groups:
-            clamped(group.backbones).moments[:] = own[:, list(group.members)].reshape(-1, self.each, 3)
+        for _, own, chain, of_leg in self._legs():
+            chain.moments[of_leg] = moments[:, own].reshape(len(moments), -1, 3)
 
     def turned(self) -> FloatArray:  # noqa: D102
-        return self._by_all("turned").reshape(self.problem.instance_count, self.size, -1)
+        return self._by_all("turned")
 
     def moved(self) -> FloatArray:  # noqa: D102
         found = self._by_all("moved")
@@ -50,25 +47,25 @@ class PlatformClamps(Clamps):
         return result
 
     def frames(self) -> FloatArray:  # noqa: D102
-        return self._of_legs("frames", 3, 3).reshape(self.problem.instance_count, -1, 3, 3)
+        return np.concatenate([chain.frames[of_leg] for _, _, chain, of_leg in self._legs()], axis=1)
 
-    def _of_legs(self, name: str, *tail: int) -> FloatArray:
+    def _legs(self) -> Iterator[tuple[int, slice, ClampedBackbones, slice]]:
+        """Of each leg in pieces its number, where its moments stand, and where it stands among backbones in pieces."""
         problem = self.problem
-        result = np.zeros((problem.instance_count, len(problem.geometry.legs), self.each, *tail))
-        for group in problem.groups:
-            result[:, list(group.members)] = getattr(clamped(group.backbones), name).reshape(len(result), -1, self.each, *tail)
-        return result
+        places = {leg: (group, place) for group in problem.groups for place, leg in enumerate(group.members)}
+        for leg in np.flatnonzero(problem.pieces > 1).tolist():
+            group, place = places[leg]
+            own = slice(*problem.first_moment[leg : leg + 2].tolist())
+            yield leg, own, clamped(group.backbones), slice(place, None, len(group.members))
 
     def _by_all(self, name: str) -> FloatArray:
-        """Columns of the clamps, shape (instance_count, leg, clamp, 3, n + size)."""
-        problem, n, k = self.problem, self.problem.unknown_count, 3 * self.each
-        legs = len(problem.geometry.legs)
-        result = np.zeros((problem.instance_count, legs, self.each, 3, n + self.size))
-        for group in problem.groups:
-            values = getattr(clamped(group.backbones), name)
-            values = values.reshape(len(result), -1, *values.shape[1:])
-            m = values.shape[-1] - k
-            for place, leg in enumerate(group.members):
-                result[:, leg, ..., problem.own[leg]] = values[:, place, ..., :m]
-                result[:, leg, ..., n + k * leg : n + k * (leg + 1)] = values[:, place, ..., m:]
+        """Columns of the clamps, shape (instance_count, size, n + size)."""
+        problem, n = self.problem, self.problem.unknown_count
+        result = np.zeros((problem.instance_count, self.size, n + self.size))
+        for leg, own, chain, of_leg in self._legs():
+            values = getattr(chain, name)[of_leg]
+            values = values.reshape(len(values), -1, values.shape[-1])
+            last = values.shape[-1] - values.shape[1]
+            result[:, own, problem.own[leg]] = values[..., :last]
+            result[:, own, n + own.start : n + own.stop] = values[..., last:]
         return result
