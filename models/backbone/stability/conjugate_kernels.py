@@ -93,7 +93,7 @@ def find_displacements(pairs: Pairs):
         for i in range(pairs.torque_count):
             rod = i + pairs.first
             angle = angle_of(pairs.columns_at, t, pairs.first, rod, k)
-            if concentric and pairs.moment >= 0 and reaches(pairs.end, row, pairs.inputs, t, rods, rod, 0):
+            if concentric and pairs.moment >= 0 and reaches(pairs.end, row, pairs.inputs, t, rod, 0):
                 if pairs.fixed == 0:
                     angle += turn[2]
                 else:  # (9) against the rod that ends at the tip
