@@ -6,7 +6,7 @@ from functools import cache
 import warp as wp
 
 from multirod.kernels.failure_kernels import failure_of
-from multirod.kernels.linear_algebra_kernels import eliminate
+from multirod.kernels.linear_algebra_kernels import add_row, eliminate, fill_row
 from multirod.kernels.own_module import own_module
 from multirod.models.rotation_kernels import rotation_from_vector
 from multirod.solvers.tracking.symmetric_kernels import FEW, diagonalise, is_definite, least_eigenvalue
@@ -117,18 +117,20 @@ def make_descent(feed_forward: bool):
         for i in range(m):
             r = state.forces[i]
             force = state.unit[t, i] * state.scale[t, i]
-            for k in range(m + 2):
-                total = f64(0.0)
-                for j in range(n):
-                    total += state.gamma[t, r, j] * state.sides[t, j, k]
-                if k < m:
-                    state.form[t, i, k] = force * total
-                elif k == m:
-                    state.gradient[t, i, 0] = force * (state.residual[t, r] + total)
-                else:
-                    if wp.static(feed_forward):
-                        total += state.residual_directions[t, r, 0]
-                    state.gradient[t, i, 1] = force * total
+            fill_row(state.form, t, i, 0, m, f64(0.0))
+            left = f64(0.0)
+            change = f64(0.0)
+            for j in range(n):
+                g = state.gamma[t, r, j]
+                add_row(state.form, state.sides, t, i, 0, j, 0, m, g)
+                left += g * state.sides[t, j, m]
+                change += g * state.sides[t, j, m + 1]
+            for k in range(m):
+                state.form[t, i, k] = force * state.form[t, i, k]
+            state.gradient[t, i, 0] = force * (state.residual[t, r] + left)
+            if wp.static(feed_forward):
+                change += state.residual_directions[t, r, 0]
+            state.gradient[t, i, 1] = force * change
 
     @wp.func
     def take_form(state: DescentState, t: int):
