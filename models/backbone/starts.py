@@ -1,6 +1,7 @@
 """Many starts for one backbone: base moments and torques that its equilibria can have."""
 
 from collections.abc import Callable, Container, Iterable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ _CROWDING = 1.5  # most equilibria are far inside the bounds
 
 
 class BackboneStarts(Starts):
-    """Of a ``BackboneProblem``."""
+    """Of a ``BackboneProblem``, at the inputs that it had when it was first asked for some."""
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
@@ -31,7 +32,7 @@ class BackboneStarts(Starts):
 
     def guesses(self, count: int, first: int = 0) -> FloatArray:  # noqa: D102
         n = len(self.problem.rods)
-        moment, torque, unit = self._start_sizes()
+        moment, torque, unit = self._start_sizes
         points = quasirandom(np.arange(first, first + count), n + 2)[:, None]
         points = np.sign(points) * np.abs(points) ** _CROWDING
         torques = self.problem.features.torque_count
@@ -53,6 +54,7 @@ class BackboneStarts(Starts):
         parts["moment"][..., 2], parts["torques"] = turns[..., 0], turns[..., 1:]
         return np.asarray(slots.joined(parts))
 
+    @cached_property
     def _start_sizes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What bounds the equilibria: moment of the loads at the base [N m], (instance_count,), torques there that the tubes'
         precurvatures give each other [N m], (instance_count, n), and the unknowns of a unit moment or torque.

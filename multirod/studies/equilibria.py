@@ -197,8 +197,7 @@ def _take(catalogue: Catalogue, problem: BoundaryProblem, reached: NDArray[np.bo
     """Add where Newton's method got to, and curves ``beside`` which it gave up."""
     unknowns, residual = problem.read("unknowns"), problem.read("residual")
     gamma = problem.read("gamma").reshape(len(unknowns), problem.unknown_count, -1)
-    for k in np.flatnonzero(reached):
-        catalogue.add(unknowns[k], gamma[k])
+    catalogue.add_all(unknowns[reached], gamma[reached])
     for k in np.flatnonzero(~reached & beside):
         catalogue.add_beside(unknowns[k], residual[k], gamma[k])
 

@@ -20,6 +20,7 @@ from multirod.validation import FloatArray
 MOST_STARTS = 2048  # of one search
 TOGETHER = 32  # instances of which all starts of a round are run at once
 STARTS_IN_A_ROUND = 128  # starts after which it is asked whether more are needed
+STARTS_ON_A_LINE = 32  # the same where the lowest is looked for of what has one unknown
 SILENT_ROUNDS = 2  # that have to bring nothing new
 # largest distance of two results that are one equilibrium, relative; near a fold Newton's error is the residual's root
 SAME_WITHIN = 1e-5
@@ -71,21 +72,30 @@ class Catalogue:
 
     def add(self, unknowns: FloatArray, gamma: FloatArray) -> None:
         """Take in an equilibrium unless it is there already."""
-        if self._on_a_curve(unknowns):
-            return
-        sign = float(np.sign(np.linalg.det(gamma)))
-        size = max(1.0, float(np.abs(unknowns).max()))
-        for other, other_sign, other_gamma in zip(self.unknowns, self.signs, self._gammas, strict=True):
-            apart = unknowns - other
-            distance = float(np.abs(apart).max())
-            if sign != other_sign or distance > NEVER_SAME_BEYOND * size:
-                continue
-            # of one equilibrium, a residual within the tolerance leaves that much where Gamma is nearly singular
-            residual = max(float(np.abs(matrix @ apart).max()) for matrix in (gamma, other_gamma))
-            if distance <= SAME_WITHIN * size or residual <= RESIDUALS * self.tolerance:
-                return
-        curve = None if self._problem is None else Curve.through(self._problem, unknowns, gamma)
-        self._take(unknowns, gamma, sign, curve)
+        self.add_all(unknowns[None], gamma[None])
+
+    def add_all(self, unknowns: FloatArray, gamma: FloatArray) -> None:
+        """The same of several, (k, n), with their ``Gamma``, (k, n, n), one after the other."""
+        signs, compared = np.sign(np.linalg.det(gamma)), 0
+        left = np.arange(len(unknowns))
+        while len(left):
+            for other in range(compared, len(self.unknowns)):
+                left = left[~self._same(unknowns[left], gamma[left], signs[left], other)]
+            compared = len(self.unknowns)
+            if len(left):
+                first, left = left[0], left[1:]
+                if not self._on_a_curve(unknowns[first]):
+                    curve = None if self._problem is None else Curve.through(self._problem, unknowns[first], gamma[first])
+                    self._take(unknowns[first], gamma[first], float(signs[first]), curve)
+
+    def _same(self, unknowns: FloatArray, gamma: FloatArray, signs: FloatArray, other: int) -> BoolArray:
+        """Which of several are one that is there, by its number."""
+        apart = unknowns - self.unknowns[other]
+        distance, size = np.abs(apart).max(axis=1), np.maximum(1.0, np.abs(unknowns).max(axis=1))
+        near = (signs == self.signs[other]) & (distance <= NEVER_SAME_BEYOND * size)
+        # of one equilibrium, a residual within the tolerance leaves that much where Gamma is nearly singular
+        residual = np.maximum(*(np.abs(matrix @ apart[..., None]).max(axis=(1, 2)) for matrix in (gamma, self._gammas[other])))
+        return np.asarray(near & ((distance <= SAME_WITHIN * size) | (residual <= RESIDUALS * self.tolerance)))
 
     def add_beside(self, unknowns: FloatArray, residual: FloatArray, gamma: FloatArray) -> None:
         """Take in the closed curve of equilibria beside which Newton's method gave up, if there is one."""
@@ -271,27 +281,29 @@ def _converged(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> li
     assert problem.parts is not None
     tolerance = newton.state.tolerance.numpy()
     catalogues = [Catalogue(degree, float(least)) for degree, least in zip(degrees(problem), tolerance, strict=True)]
-    limit = limits(starts.guesses(STARTS_IN_A_ROUND))
+    count = min(STARTS_IN_A_ROUND, STARTS_ON_A_LINE**problem.unknown_count)
+    limit = limits(starts.guesses(count))
     allowed = newton.allowed()
-    open_ = np.arange(problem.instance_count)
-    for first in range(0, MOST_STARTS, STARTS_IN_A_ROUND):
-        spent = outcome.integrations[open_] + STARTS_IN_A_ROUND * PATIENCE > allowed[open_]
+    open_, tried = np.arange(problem.instance_count), np.zeros(0, dtype=np.intp)
+    for first in range(0, MOST_STARTS, count):
+        spent = outcome.integrations[open_] + count * PATIENCE > allowed[open_]
         outcome.status[open_[spent]] = Status.INTEGRATION_LIMIT
         open_ = open_[~spent]
         if not len(open_):
             break
-        rows = np.repeat(open_, STARTS_IN_A_ROUND)
-        trial = problem.parts.of(rows)
-        method = newton.of(trial, rows)
-        guesses = np.swapaxes(starts.guesses(STARTS_IN_A_ROUND, first)[:, open_], 0, 1).reshape(len(rows), -1)
+        rows = np.repeat(open_, count)
+        if not np.array_equal(open_, tried):
+            trial, tried = problem.parts.of(rows), open_
+            method = newton.of(trial, rows)
+        guesses = np.swapaxes(starts.guesses(count, first)[:, open_], 0, 1).reshape(len(rows), -1)
         reached = converge(trial, method, guesses, np.ones(len(rows), dtype=bool), limit[rows])
         counts = method.outcome()
         np.add.at(outcome.iterations, rows, counts.iterations)
         np.add.at(outcome.integrations, rows, counts.integrations)
         unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
-        for row in np.flatnonzero(reached):
-            catalogues[rows[row]].add(unknowns[row], gamma[row])
-        for i in open_:
+        for i in open_.tolist():
+            found = reached & (rows == i)
+            catalogues[i].add_all(unknowns[found], gamma[found])
             catalogues[i].end_round()
         open_ = open_[[not catalogues[i].settled for i in open_]]
     return catalogues

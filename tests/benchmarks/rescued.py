@@ -1,8 +1,11 @@
-"""What rescues cost in a batch, and what rods at the extremes cost one by one, in integrations and processor time.
+"""What rescues cost in a batch, and what rods at the extremes cost one by one, in integrations and processor time; and whether
+fewer starts find the same lowest equilibria.
 
 OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py                  batches of 10,000, with and without 1 % of hard ones: that
                                                                       only segments solve, that buckle, and tubes that snap
 OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py --extremes 5000  random extreme single rods, each alone
+OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py --starts 25      random pairs of tubes, 150 turns of each, by fewer and
+                                                                      more starts
 """
 
 import argparse
@@ -21,10 +24,13 @@ from random_scenes import SINGLE, Scene, draw
 
 import multirod as mr
 from multirod.batch import IntArray
+from multirod.solvers.starting import multistart
 from multirod.validation import FloatArray
 
 LENGTH, EI = 0.4, 0.02
 SLOW = 2.0  # s
+TURNS = 150  # of a robot of tubes
+FEWER, ALL = (8, 16, 32, 128), 512  # starts in a round
 
 Pair = tuple[mr.Assembly, dict[str, FloatArray], dict[str, FloatArray]]  # a robot, its easy inputs, and with hard ones
 
@@ -136,13 +142,45 @@ def extremes(count: int, first: int) -> None:
     print(f"processor time [s]: {np.percentile(seconds, parts).round(3).tolist()}, over {SLOW:g} s: {slow}")
 
 
+def _pair(rng: np.random.Generator) -> mr.ConcentricTubes:
+    """Two tubes by lot, straight where they begin."""
+    tubes = []
+    for k, length in enumerate(np.sort(rng.uniform(0.1, 0.9, 2))[::-1].tolist()):
+        straight, EI = rng.uniform(0, 0.6) * length, rng.uniform(0.005, 0.04) * (1 + k)
+        bent = [(straight, (0, 0, 0)), (length - straight, (rng.uniform(2, 16), 0, 0))]
+        GJ = EI * rng.uniform(0.6, 0.9)
+        tubes.append(mr.Rod(length=length, bending_stiffness=EI, torsional_stiffness=GJ, precurvature=bent))
+    return mr.ConcentricTubes(tubes)
+
+
+def starts(robots: int, seed: int) -> None:
+    """How many of the lowest equilibria that 512 starts in a round find are not those that fewer find."""
+    usual, rng = multistart.STARTS_ON_A_LINE, np.random.default_rng(seed)
+    searched, others = 0, Counter[int]()
+    multistart.STARTS_IN_A_ROUND = ALL
+    for _ in range(robots):
+        robot = _pair(rng)
+        inputs, found = robot.inputs(rotation=rng.uniform(-12, 12, (TURNS, 2))), {}
+        for number in (*FEWER, ALL):
+            multistart.STARTS_ON_A_LINE = number
+            found[number] = mr.solve(robot, inputs, threads=1, progress=False)
+        searched += int((found[ALL].status == mr.Status.LOWEST_ENERGY).sum())
+        for number in FEWER:
+            same = np.isclose(found[number].potential, found[ALL].potential, rtol=1e-8, atol=0, equal_nan=True)
+            others[number] += int((~same).sum())
+    print(f"{searched} pairs that snap; of these, by so many starts in a round (usual: {usual}), elsewhere: {dict(others)}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--extremes", type=int, default=0, help="random extreme single rods, in place of the batch")
     parser.add_argument("--seed", type=int, default=0, help="the first of each kind")
     parser.add_argument("--count", type=int, default=10_000, help="rods of the batch")
+    parser.add_argument("--starts", type=int, default=0, help="random pairs of tubes, by fewer and more starts")
     options = parser.parse_args()
-    if options.extremes:
+    if options.starts:
+        starts(options.starts, options.seed)
+    elif options.extremes:
         extremes(options.extremes, options.seed)
     else:
         for name in BATCHES:
