@@ -79,9 +79,8 @@ class BackboneParts(Parts):
         base = take(whole.base, shape, instances, tail=2) if whole.base.ndim > 2 else whole.base
         arrays, inputs = whole.arrays.take(shape, instances), whole.inputs_given.take(shape, instances)
         options: ProblemOptions = {}
-        if poses:  # with a direction too, it is the kernel that tells stability
-            directions = 1 if pieces == 1 else 3 * (pieces - 1)
-            options = {"pose_sensitivities": True, "direction_count": directions, "pieces": pieces}
+        if poses:  # by the kernel that tells stability
+            options = {"pose_sensitivities": True, "direction_count": 3 * (pieces - 1), "pieces": pieces, "telling": True}
         result = whole.another(base, inputs, arrays, integrator, **options)
         result.stop = whole.stop
         result.judged_often = whole.judged_often

@@ -70,6 +70,7 @@ class ProblemOptions(TypedDict, total=False):
     first_moment: IntArray | int
     load_directions: int
     varied: bool
+    telling: bool
 
 
 class BackboneProblem(BoundaryProblem):
@@ -82,7 +83,8 @@ class BackboneProblem(BoundaryProblem):
     backbones of the same build along the last batch axis. Of several ``pieces``, the rod is clamped between them by moments that
     stand among the directions, of each instance from the number ``first_moment`` on, one for all or (instance_count,); the
     ``load_directions`` before them change what acts along the rod. Where it is not ``varied``, directions are moments of clamps
-    alone, and those of other rods have no columns.
+    alone, and those of other rods have no columns. What is ``telling`` is integrated by the kernel that tells of solutions, as if
+    it had directions, and none besides is compiled.
     """
 
     def __init__(
@@ -106,6 +108,7 @@ class BackboneProblem(BoundaryProblem):
         first_moment: IntArray | int = 0,
         load_directions: int = 0,
         varied: bool = True,
+        telling: bool = False,
     ) -> None:
         arrays = lower(rods) if arrays is None else arrays
         batch_shape = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape, base.shape[:-2])
@@ -123,6 +126,7 @@ class BackboneProblem(BoundaryProblem):
             "lengths": lengths,
             "design": tuple(design),
             "held": held,
+            "telling": telling,
         }
         self.transmission = transmission
         self.held = held
@@ -201,7 +205,7 @@ class BackboneProblem(BoundaryProblem):
             pose=options["pose"],
             lengths=options["lengths"],
             pose_sensitivities=options["pose_sensitivities"],
-            directions=options["direction_count"] > 0,
+            directions=options["direction_count"] > 0 or options["telling"],
         )
 
     # ---- the integration ----
