@@ -380,9 +380,8 @@ def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(b
     with suppress(StopIteration):
         while True:
             request = asked.send(answer)
-            level = request.point.level if isinstance(request, Judge) else request.level
-            levels.append(level)
-            index = 1 if level == 0.9 else before
+            levels.append(request.level)
+            index = 1 if request.level == 0.9 else before
             if isinstance(request, Judge):
                 answer = Judgement(index > 0, stands=index == 0, soft=0)
             else:

@@ -120,7 +120,7 @@ def slope_of(problem, x):
     moved = problem.pose_columns.numpy()[:, None, :3, : problem.unknown_count]
     pose = problem.read("position"), problem.read("rotation").reshape(-1, 1, 3, 3)
     points = Points(x, np.ones(1), residual, gamma, turns.forces, unit, turned, moved, *pose, turns.stiffness)
-    return points.slopes.slope(0)
+    return points[0].slope
 
 
 def test_the_slope_after_a_step_is_foretold_to_first_order():
@@ -133,7 +133,7 @@ def test_the_slope_after_a_step_is_foretold_to_first_order():
         slope = slope_of(problem, x)
         x = x + slope.back + slope.change(slope.modes @ (push * rng.normal(size=len(slope.values)) / np.maximum(1, slope.values)))
     slope = slope_of(problem, x)
-    assert np.abs(slope.slopes - slope.slopes.T).max() > 0.1  # of K/L
+    assert np.abs(slope.by_turns - slope.by_turns.T).max() > 0.1  # of K/L
     way, missed = rng.normal(size=len(slope.values)) / np.maximum(1, slope.values), []
     for size in (2e-3, 1e-3):
         there = slope_of(problem, x + slope.change(slope.modes @ (size * way)))

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 
 import multirod as mr
-from multirod.solvers.following.descent import Point, slope_at
+from multirod.solvers.following.descent import Points
 from multirod.solvers.following.valley import FIRST, LONGEST, by_residuals, by_turns, down_valley
 
 EI, LENGTH = 0.02, 0.2
@@ -30,9 +30,10 @@ class Moat:
         out = x / r
         gradient = (r - 2) * out - self.slope * np.array([np.cos(1), np.sin(1)])
         second = np.outer(out, out) + (r - 2) / r * (np.eye(2) - np.outer(out, out))
-        none = np.zeros(3)
-        one, both = np.ones(2), np.arange(2)
-        return Point(x, level, gradient, second, both, one, np.eye(2), none[None, :, None], none, np.eye(3)[None], 1.0)
+        none, both = np.zeros(3), np.arange(2)
+        said = x, level, gradient, second
+        more = np.ones(2), np.eye(2), none[None, :, None], none, np.eye(3)[None], 1.0
+        return Points(*(np.array([own]) for own in said), both, *(np.array([own]) for own in more))[0]
         yield  # as what asks for integrations does
 
     def across(self, x):
@@ -57,7 +58,7 @@ def test_the_lowest_place_of_a_valley_is_found_around_its_bend(slope, way, angle
     point = end.value.value
     # the slope along it falls by itself within a radian
     np.testing.assert_allclose(point.unknowns, (2 + slope) * np.array([np.cos(1), np.sin(1)]), atol=4e-6)
-    assert slope_at(point).values[0] > 0
+    assert point.slope.values[0] > 0
     assert moat.looks < 60
 
 
@@ -67,7 +68,7 @@ def test_a_valley_without_a_lowest_place_has_none():
     def at(x, level):  # a slope all around, as errors make it
         point = yield from moat.at(x, level)
         aside = 1e-6 * np.array([-x[1], x[0]])
-        return replace(point, residual=point.residual + aside, among=None)
+        return replace(point.among, residual=point.among.residual + aside)[0]
 
     with pytest.raises(StopIteration) as end:
         next(down_valley(by_turns(at, 1.0, 1.0), np.array([2.0, 0.0]), FIRST, LONGEST, 1e-9))

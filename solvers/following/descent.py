@@ -4,7 +4,7 @@ Numbers in parentheses are those of ``docs/branches.md``.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -23,29 +23,28 @@ KEPT = 1e-9  # largest condition, in the Frobenius norm, inverted, of a Y that i
 
 
 @dataclass(frozen=True)
-class Point:
-    """What an integration says of some unknowns at some level.
+class Points:
+    """What one launch says of several instances at some unknowns and levels; the first axis is the instance, but of ``forces``.
 
     Attributes:
-        unknowns: [1/m], shape (n,).
-        level: Part of the way.
-        residual: [1/m], shape (n,).
-        gamma: Shape (n, n).
+        unknowns: [1/m], shape (k, n).
+        level: Part of the way, shape (k,).
+        residual: [1/m], shape (k, n).
+        gamma: Shape (k, n, n).
         forces: Rows of the residual that are forces, shape (m,); the others are constraints.
-        unit: Moment of one unit of each [N m], shape (m,).
+        unit: Moment of one unit of each [N m], shape (k, m).
         turned: ``Y``, how what they do work on is turned by the unknowns; then the rows of ``gamma`` that are constraints, shape
-            (n, n).
-        moved: How clamps, if any, and last the end effector move with these, in the world, shape (place, 3, n).
-        position: Of the end effector [m], shape (3,).
-        frames: Of the same places, shape (place, 3, 3).
-        stiffness: ``K/L`` [N m].
-        costless: How a turn that costs nothing turns what forces do work on, per radian, shape (m,).
-        settled: The unknowns of the problem without clamps, turned so to where it wants them [1/m], shape (n,).
-        among: The points of the same launch, and which of them it is; None of a point alone.
+            (k, n, n).
+        moved: How clamps, if any, and last the end effector move with these, in the world, shape (k, place, 3, n).
+        position: Of the end effector [m], shape (k, 3).
+        frames: Of the same places, shape (k, place, 3, 3).
+        stiffness: ``K/L`` [N m], shape (k,).
+        costless: How a turn that costs nothing turns what forces do work on, per radian, shape (k, m).
+        settled: The unknowns of the problem without clamps, turned so to where it wants them [1/m], shape (k, n).
     """
 
     unknowns: FloatArray
-    level: float
+    level: FloatArray
     residual: FloatArray
     gamma: FloatArray
     forces: IntArray
@@ -54,26 +53,80 @@ class Point:
     moved: FloatArray
     position: FloatArray
     frames: FloatArray
-    stiffness: float
+    stiffness: FloatArray
     costless: FloatArray | None = None
     settled: FloatArray | None = None
-    among: "tuple[Points, int] | None" = None
 
-    @property
-    def size(self) -> float:
-        """Largest residual [1/m], of what costs something; infinite where the integration failed."""
-        residual, turn = self.residual, self.turn
-        if turn is not None:
-            residual = np.array(residual)
-            residual[self.forces] = turn.without(self.unit * residual[self.forces]) / self.unit
-        size = float(np.abs(residual).max())
-        return size if np.isfinite(size) else np.inf
+    def __getitem__(self, row: int) -> "Point":
+        return Point(self, row)
 
-    @property
-    def turn(self) -> "Costless | None":
-        """The turn that costs nothing; None where the rod is straight, and there is none."""
-        size = 0.0 if self.costless is None else float(np.linalg.norm(self.costless))
-        return None if self.costless is None or not size > BENT else Costless(self.costless / size)
+    def turn(self, row: int) -> "Costless | None":
+        """The turn of one of them that costs nothing; None where its rod is straight, and there is none."""
+        size = 0.0 if self.costless is None else float(np.linalg.norm(self.costless[row]))
+        return None if self.costless is None or not size > BENT else Costless(self.costless[row] / size)
+
+    @cached_property
+    def size(self) -> FloatArray:
+        """Largest residual [1/m], of what costs something, shape (k,); infinite where the integration failed."""
+        residual, forces, unit = np.array(self.residual), self.forces, self.unit
+        for row in range(len(residual) if self.costless is not None else 0):
+            if (turn := self.turn(row)) is not None:
+                residual[row, forces] = turn.without(unit[row] * residual[row, forces]) / unit[row]
+        size = np.abs(residual).max(axis=1)
+        return np.where(np.isfinite(size), size, np.inf)
+
+    @cached_property
+    def singular(self) -> FloatArray:
+        """Singular values of ``gamma``, descending, shape (k, n)."""
+        return np.linalg.svd(np.nan_to_num(self.gamma), compute_uv=False)
+
+    @cached_property
+    def slopes(self) -> "Slopes":
+        """The energy at all of them."""
+        return Slopes(self)
+
+
+class Point:
+    """One of several, and all that ``Points`` says, of it alone.
+
+    Args:
+        among: All of the same launch.
+        row: Which of them it is.
+    """
+
+    unknowns: FloatArray
+    level: float
+    residual: FloatArray
+    gamma: FloatArray
+    unit: FloatArray
+    turned: FloatArray
+    moved: FloatArray
+    position: FloatArray
+    frames: FloatArray
+    stiffness: float
+    settled: FloatArray | None
+    size: float
+    singular: FloatArray
+
+    def __init__(self, among: Points, row: int) -> None:
+        self.among, self.row = among, row
+
+    def __getattr__(self, name: str) -> object:
+        values = getattr(self.among, name)
+        own = self.__dict__[name] = values if values is None else values[self.row]
+        return own
+
+    @cached_property
+    def slope(self) -> "Slope":
+        """The energy there.
+
+        Raises:
+            Unfit: If the tip's turn does not tell it.
+        """
+        slopes = self.among.slopes
+        if not slopes.fit[self.row]:
+            raise Unfit
+        return slopes[self.row]
 
 
 @dataclass(frozen=True)
@@ -97,150 +150,29 @@ class Costless:
         return across @ H @ across + stiffness * np.outer(t, t)
 
 
-@dataclass(frozen=True)
-class Slope:
-    """(1), (2) The potential energy as a function of how the tip is turned, or the clamps and what is free at the ends, to second
-    order.
-
-    Attributes:
-        gradient: [N m], shape (m,).
-        values: Eigenvalues of its second derivative over ``K/L``, ascending, shape (m,).
-        modes: Eigenvectors, in columns, shape (m, m).
-        ways: Change of the unknowns that turns the tip so, constraints kept, shape (n, m).
-        back: The one that meets the constraints, shape (n,).
-        facing: Sign of the determinant of what ``ways`` is the inverse of.
-        stiffness: ``K/L`` [N m].
-        slopes: How the gradient changes with them over ``K/L``, (2), shape (m, m): symmetric at an equilibrium.
-        clamps: Whose turns stand last among the displacements.
-    """
-
-    gradient: FloatArray
-    values: FloatArray
-    modes: FloatArray
-    ways: FloatArray
-    back: FloatArray
-    facing: float
-    stiffness: float
-    slopes: FloatArray
-    clamps: int = 0
-
-    @property
-    def along(self) -> FloatArray:
-        """Slope in each mode over ``K/L``, shape (m,)."""
-        return np.asarray(self.modes.T @ self.gradient / self.stiffness)
-
-    @property
-    def lowest(self) -> float:
-        """The first eigenvalue, as if the place that its mode turns the most were turned by 1."""
-        clamps = self.modes[len(self.modes) - 3 * self.clamps :, 0].reshape(-1, 3)
-        return float(self.values[0] / ((clamps**2).sum(axis=1).max() if self.clamps else 1.0))
-
-    @property
-    def neutral(self) -> int:
-        """Modes that cannot be told from neutral ones."""
-        return int((np.abs(self.values) <= SOFT).sum())
-
-    @property
-    def drive(self) -> float:
-        """The turn in a mode that the slope asks for, of soft modes as if they were stiff [rad]."""
-        return float((np.abs(self.along) / np.maximum(np.abs(self.values), 1)).max())
-
-    def turn(self, radius: float) -> FloatArray:
-        """(4) Turn in each mode: down, by that of Newton's step where it is shorter than the radius [rad], shape (m,)."""
-        return np.asarray(downhill(self.along[None], self.values[None], np.array([radius]))[0])
-
-    def step(self, radius: float) -> FloatArray:
-        """(4) Change of the unknowns [1/m] that turns it so, shape (n,)."""
-        return self.back + self.change(self.modes @ self.turn(radius))
-
-    def missed(self, turn: FloatArray, found: "Slope") -> float:
-        """(9) By how much the slope found after a turn in each mode is not that foretold, in turns that make up for it [rad]."""
-        foretold = self.along + self.modes.T @ (self.slopes @ (self.modes @ turn))
-        return float(
-            (np.abs(self.modes.T @ found.gradient / self.stiffness - foretold) / np.maximum(np.abs(self.values), 1)).max()
-        )
-
-    def rises(self, turn: FloatArray, found: "Slope") -> bool:
-        """Whether a turn in each mode, or part of it, led beyond where the energy is least that way, and up again by as much."""
-        return bool(turn @ (self.modes.T @ (self.gradient + found.gradient)) > 0)
-
-    def change(self, turn: FloatArray) -> FloatArray:
-        """Change of the unknowns [1/m] that turns the tip so [rad], shape (n,)."""
-        return np.asarray(self.ways @ turn)
-
-
 class Unfit(Exception):
     """The turn of the tip does not say what the rod is like, or nothing is finite."""
 
 
-def downhill(along: FloatArray, values: FloatArray, radius: FloatArray) -> FloatArray:
-    """(4) ``Slope.turn`` of many, (k, m): by the slope in each mode, its stiffness, both over ``K/L``, and radii (k,)."""
-    turn = np.minimum(np.abs(along) / np.maximum(np.abs(values), SOFT), radius[:, None])
-    balanced = (values[:, 0] < -SOFT) & (turn.max(axis=1) < NUDGE * radius)  # where nothing holds it
-    turn[balanced, 0] = NUDGE * radius[balanced]
-    return np.where(along > 0, -turn, turn)
-
-
-def slope_at(point: Point) -> Slope:
-    """The energy at a point.
-
-    Raises:
-        Unfit: If the tip's turn does not tell it.
-    """
-    points, k = (Points.of([point]), 0) if point.among is None else point.among
-    return points.slopes.slope(k)
-
-
-@dataclass(frozen=True)
-class Points:
-    """What one launch says of several instances, of each as a ``Point`` does: the first axis of all is the instance.
-
-    ``forces`` are those of all.
-    """
-
-    unknowns: FloatArray
-    level: FloatArray
-    residual: FloatArray
-    gamma: FloatArray
-    forces: IntArray
-    unit: FloatArray
-    turned: FloatArray
-    moved: FloatArray
-    position: FloatArray
-    frames: FloatArray
-    stiffness: FloatArray
-    costless: FloatArray | None = None
-    settled: FloatArray | None = None
-
-    @classmethod
-    def of(cls, points: "list[Point]") -> "Points":
-        """Several as one."""
-        first = points[0]
-        names = [name for name in EACH if getattr(first, name) is not None]
-        return cls(forces=first.forces, **{name: np.array([getattr(point, name) for point in points]) for name in names})
-
-    def point(self, k: int) -> Point:
-        """That of one of them, all of which must be known."""
-        own = {name: getattr(self, name)[k] for name in EACH if getattr(self, name) is not None}
-        return Point(**(own | {"level": float(self.level[k])}), forces=self.forces, among=(self, k))
-
-    @cached_property
-    def slopes(self) -> "Slopes":
-        """The energy at all of them."""
-        return Slopes(self)
-
-
-EACH = tuple(field.name for field in fields(Points) if field.name != "forces")  # what there is one of for each instance
-
-
 class Slopes:
-    """(1), (2) ``Slope`` of many points.
+    """(1), (2) The potential energy as a function of how the tip is turned, or the clamps and what is free at the ends, to second
+    order: at many points, the first axis of all.
 
     Args:
         points: The points.
 
     Attributes:
         fit: Whether the tip's turn tells it, shape (k,); the others are NaN.
+        gradient: [N m], shape (k, m).
+        values: Eigenvalues of its second derivative over ``K/L``, ascending, shape (k, m).
+        modes: Eigenvectors, in columns, shape (k, m, m).
+        ways: Change of the unknowns that turns the tip so, constraints kept, shape (k, n, m).
+        back: The one that meets the constraints, shape (k, n).
+        facing: Sign of the determinant of what ``ways`` is the inverse of, shape (k,).
+        stiffness: ``K/L`` [N m], shape (k,).
+        by_turns: How the gradient changes with them over ``K/L``, (2), shape (k, m, m): symmetric at an equilibrium.
+        along: Slope in each mode over ``K/L``, shape (k, m).
+        clamps: Whose turns stand last among the displacements.
     """
 
     def __init__(self, points: Points) -> None:
@@ -260,7 +192,7 @@ class Slopes:
         fit &= (square * KEPT**2 <= 1) & np.isfinite(H).all(axis=(1, 2)) & np.isfinite(gradient).all(axis=1)
         if points.costless is not None:
             for k in np.flatnonzero(fit).tolist():
-                if (turn := points.point(k).turn) is not None:
+                if (turn := points.turn(k)) is not None:
                     H[k], gradient[k] = turn.held(H[k], points.stiffness[k]), turn.without(gradient[k])
         H[~fit] = np.eye(m)
         values, modes = np.linalg.eigh(H)
@@ -269,32 +201,93 @@ class Slopes:
         self.by_turns = A / points.stiffness[:, None, None]
         self.ways, self.back = inverse[:, :, :m], back
         self.facing = np.linalg.slogdet(np.where(fit[:, None, None], both, np.eye(n)))[0]
-        self._clamps = points.frames.shape[1] - 1
+        self.along = (modes.swapaxes(1, 2) @ gradient[..., None])[..., 0] / points.stiffness[:, None]
+        self.clamps = points.frames.shape[1] - 1
 
-    def slope(self, k: int) -> Slope:
-        """That of one of them.
+    def __getitem__(self, row: int) -> "Slope":
+        return Slope(self, row)
 
-        Raises:
-            Unfit: If the tip's turn does not tell it.
-        """
-        if not self.fit[k]:
-            raise Unfit
-        return Slope(
-            self.gradient[k],
-            self.values[k],
-            self.modes[k],
-            self.ways[k],
-            self.back[k],
-            float(self.facing[k]),
-            float(self.stiffness[k]),
-            self.by_turns[k],
-            self._clamps,
+    @cached_property
+    def lowest(self) -> FloatArray:
+        """The first eigenvalue, as if the place that its mode turns the most were turned by 1, shape (k,)."""
+        count, m = self.values.shape
+        first = self.modes[:, m - 3 * self.clamps :, 0].reshape(count, -1, 3)
+        return np.asarray(self.values[:, 0] / ((first**2).sum(axis=2).max(axis=1) if self.clamps else 1.0))
+
+    @cached_property
+    def neutral(self) -> IntArray:
+        """Modes that cannot be told from neutral ones, shape (k,)."""
+        return np.asarray((np.abs(self.values) <= SOFT).sum(axis=1))
+
+    @cached_property
+    def drive(self) -> FloatArray:
+        """The turn in a mode that the slope asks for, of soft modes as if they were stiff [rad], shape (k,)."""
+        return np.asarray((np.abs(self.along) / np.maximum(np.abs(self.values), 1)).max(axis=1))
+
+    def steps(self, rows: IntArray, radius: FloatArray) -> FloatArray:
+        """(4) Change of the unknowns [1/m] that turns it so, at some points, (k,), by radii (k,); shape (k, n)."""
+        turn = (self.modes[rows] @ downhill(self.along[rows], self.values[rows], radius)[..., None])[..., 0]
+        return np.asarray(self.back[rows] + (self.ways[rows] @ turn[..., None])[..., 0])
+
+
+class Slope:
+    """That of one of them, and all that ``Slopes`` says, of it alone.
+
+    Args:
+        among: All of the same launch.
+        row: Which of them it is.
+    """
+
+    gradient: FloatArray
+    values: FloatArray
+    modes: FloatArray
+    ways: FloatArray
+    back: FloatArray
+    facing: float
+    stiffness: float
+    by_turns: FloatArray
+    along: FloatArray
+    lowest: float
+    neutral: int
+    drive: float
+
+    def __init__(self, among: Slopes, row: int) -> None:
+        self.among, self.row, self.clamps = among, row, among.clamps
+
+    def __getattr__(self, name: str) -> object:
+        own = self.__dict__[name] = getattr(self.among, name)[self.row]
+        return own
+
+    def turn(self, radius: float) -> FloatArray:
+        """(4) Turn in each mode: down, by that of Newton's step where it is shorter than the radius [rad], shape (m,)."""
+        return np.asarray(downhill(self.along[None], self.values[None], np.array([radius]))[0])
+
+    def step(self, radius: float) -> FloatArray:
+        """(4) Change of the unknowns [1/m] that turns it so, shape (n,)."""
+        return np.asarray(self.among.steps(np.array([self.row]), np.array([radius]))[0])
+
+    def missed(self, turn: FloatArray, found: "Slope") -> float:
+        """(9) By how much the slope found after a turn in each mode is not that foretold, in turns that make up for it [rad]."""
+        foretold = self.along + self.modes.T @ (self.by_turns @ (self.modes @ turn))
+        return float(
+            (np.abs(self.modes.T @ found.gradient / self.stiffness - foretold) / np.maximum(np.abs(self.values), 1)).max()
         )
 
-    @property
-    def along(self) -> FloatArray:
-        """``Slope.along`` of all, shape (k, m)."""
-        return np.asarray((self.modes.swapaxes(1, 2) @ self.gradient[..., None])[..., 0] / self.stiffness[:, None])
+    def rises(self, turn: FloatArray, found: "Slope") -> bool:
+        """Whether a turn in each mode, or part of it, led beyond where the energy is least that way, and up again by as much."""
+        return bool(turn @ (self.modes.T @ (self.gradient + found.gradient)) > 0)
+
+    def change(self, turn: FloatArray) -> FloatArray:
+        """Change of the unknowns [1/m] that turns the tip so [rad], shape (n,)."""
+        return np.asarray(self.ways @ turn)
+
+
+def downhill(along: FloatArray, values: FloatArray, radius: FloatArray) -> FloatArray:
+    """(4) ``Slope.turn`` of many, (k, m): by the slope in each mode, its stiffness, both over ``K/L``, and radii (k,)."""
+    turn = np.minimum(np.abs(along) / np.maximum(np.abs(values), SOFT), radius[:, None])
+    balanced = (values[:, 0] < -SOFT) & (turn.max(axis=1) < NUDGE * radius)  # where nothing holds it
+    turn[balanced, 0] = NUDGE * radius[balanced]
+    return np.where(along > 0, -turn, turn)
 
 
 def norms(vectors: FloatArray) -> FloatArray:

@@ -74,7 +74,7 @@ def follow(
 
     def walked(own: IntArray, left: NDArray[np.integer[Any]], times: int = 1) -> list[Journey]:
         # where branches end, the error of the integration moves what it finds the most
-        part = parts.followed(own, times)
+        part, steps = parts.followed(own, times), times * parts.steps_followed(own)
         start = None if before is None else before[own]
         safe, most = np.ones(len(own)), np.ones(len(own))
         if start is None:
@@ -100,7 +100,7 @@ def follow(
                 NOISY if segmented else np.inf,
                 float(singular[place]),
                 bool(potential[place]),
-                times * parts.steps_followed(own),
+                steps,
             )
             for k, place in enumerate(own)
         ]
@@ -248,7 +248,7 @@ class _Together:
         places = np.array(list(asked))
         self.evaluate(places, np.array([at.unknowns for at in asked.values()]), np.array([at.level for at in asked.values()]))
         points = self.points(places)
-        return {k: points.point(row) for row, k in enumerate(asked)}
+        return {k: points[row] for row, k in enumerate(asked)}
 
     def _integrate_clamped(self, asked: Mapping[int, At | Clamp]) -> dict[int, Point | None]:
         if self._clamped is None:
@@ -272,7 +272,7 @@ class _Together:
         more = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
         own = (values[places] for values in more)
         points = Points(unknowns[places], self.levels[places], residual[places], gamma[places], turns.forces, *own)
-        return {k: points.point(row) for row, k in enumerate(asked)}
+        return {k: points[row] for row, k in enumerate(asked)}
 
     def _settle(self, asked: dict[int, Settle]) -> dict[int, tuple[FloatArray | None, int]]:
         """Where damped dynamics rest."""
@@ -316,13 +316,13 @@ class _Together:
 
     @contextmanager
     def _standing(self, asked: Mapping[int, Judge | Weigh]) -> Iterator[StabilityAnalysis]:
-        """Within it, instances are at the points that they ask of."""
+        """Within it, instances are where they ask of."""
         stability = self.part.stability
         assert stability is not None  # or there was nothing to follow
         self._steps[list(asked)] += self._each[list(asked)]
         values = self.part.read("unknowns")
         for k, request in asked.items():
-            values[k], self.levels[k] = request.point.unknowns, request.point.level
+            values[k], self.levels[k] = request.unknowns, request.level
         self.part.write("unknowns", values)
         with self._placed(self.part), self.part.everyone():
             yield stability

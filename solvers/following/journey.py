@@ -4,15 +4,15 @@ Numbers in parentheses are those of ``docs/branches.md``.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
-from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
+from multirod.solvers.following.descent import SOFT, Point, Slope, Unfit
 from multirod.solvers.following.many import alike
-from multirod.solvers.following.requests import Clamp, Descend, Run, Settle
+from multirod.solvers.following.requests import Clamp, Run, Settle
 from multirod.solvers.following.walk import Walk
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -35,11 +35,10 @@ ALONG = 0.1  # of its largest component, that the tip's way must be along an axi
 STILL = 1e-3  # of how a rod moves: a tip that moves as little is held
 FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
 APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
+AS_A_ROOT = 0.1  # of half the distance, that an equilibrium may be from half-way to count as one on a branch that bifurcates
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
 RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 MERGED = 0.05  # turn of the tip [rad] within which branches merge
-ALONGSIDE = 2  # steps of Newton's method across modes that vanish
-VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
 MOST_EVENTS = 16
 NEARLY = 1e-4  # singular value of Gamma, below which a mode may be neutral
 LAST = 1e-3  # of the way, on which a neutral mode may be one that rounded kinks held until there
@@ -64,12 +63,12 @@ class Journey(Walk):
             yield from self._fall(point)
             return
         # what is not quite in balance shows a neutral mode by as much
-        soft = int((np.linalg.svd(np.nan_to_num(point.gamma), compute_uv=False)[1:] < NEARLY).sum())
-        found, _ = yield from self._correct(self.start, self.level, soft)
+        soft = int((point.singular[1:] < NEARLY).sum())
+        found = yield from self._balanced(point, soft)
         neutral = 0 if found is None else (yield from self._by_symmetry(found))
         # these equations are a little finer than those that its branch ended by
         if neutral != soft:
-            found, _ = yield from self._correct(self.start, self.level, neutral)
+            found = yield from self._balanced(point, neutral)
         if found is not None:
             point = found if self._passed(found) else (yield from self._along(found, neutral))
         if not self.potential:
@@ -93,7 +92,7 @@ class Journey(Walk):
                 return
             if 1 - LAST < point.level < 1:
                 point, neutral = yield from self._released(point, neutral)
-            if point.level < 1 and np.linalg.svd(point.gamma, compute_uv=False)[-1] > self.singular:
+            if point.level < 1 and point.singular[-1] > self.singular:
                 self._lose(point)
                 return
         if point.level < 1:
@@ -153,7 +152,7 @@ class Journey(Walk):
         there = yield from self._at(point.unknowns, 1.0)
         if there.size <= self.tolerance and (yield from self._stands(there)):
             self.status, self.end = self.said, there
-            self.neutral = int((np.linalg.svd(there.gamma, compute_uv=False) < NEARLY).sum())
+            self.neutral = int((there.singular < NEARLY).sum())
 
     def _lose(self, point: Point) -> None:
         """It may be rounding that ends the way at a point: multiple shooting may go on from there."""
@@ -251,7 +250,7 @@ class Journey(Walk):
         beyond = yield from self._pass(critical, self._overshoot(critical) if step is None else step)
         if beyond is None:
             return None
-        slope = self._slope(beyond)
+        slope = beyond.slope
         first, fold = self._way_out(slope, beyond, critical)
         slight = first.any() and beyond.level == 1 and slope.lowest > -SLIGHT
         self.left, self.within = (critical if slight else None), self.tolerance
@@ -261,7 +260,7 @@ class Journey(Walk):
         landed = yield from self._descend(beyond, slope, first)
         if landed is None:
             return None
-        rest, neutral = landed, 0 if self.slight else self._slope(landed).neutral
+        rest, neutral = landed, 0 if self.slight else landed.slope.neutral
         if len(landed.unknowns) > len(self.start):
             neutral = neutral if self.has_tip else 0  # of a held rod Gamma is made to hold what symmetry leaves neutral
             own = landed.unknowns[: len(self.start)] if landed.settled is None else landed.settled
@@ -300,27 +299,28 @@ class Journey(Walk):
         """The energy lost [J] and how the tip moved [m]: from the critical point to where the branch that was come to is at the
         same load; where it does not lead back there, from beyond it."""
         found, _ = yield from self._correct(rest.unknowns, critical.level, neutral)
+        left = critical
         if found is None or not alike(found.gamma, rest.gamma, neutral):
-            found, critical = rest, replace(critical, level=beyond.level, unknowns=beyond.unknowns)
-        before = yield from self._weigh(replace(critical, unknowns=critical.unknowns[: len(self.start)]))
-        after = yield from self._weigh(found)
+            found, left = rest, beyond
+        before = yield from self._weigh(left.unknowns[: len(self.start)], left.level)
+        after = yield from self._weigh(found.unknowns, found.level)
         return before - after, found.position - critical.position
 
     def _kind(self, critical: Point, beyond: Point, landed: Point, first: FloatArray) -> Run:
         """(6) Whether a point that was come to is on a branch that leaves the critical point, or elsewhere; None where it is on
         the same branch."""
         turn = _turn(critical.frames, landed.frames)
-        if _held(self._slope(beyond)) and turn < 2 * MERGED:
+        if _held(beyond.slope) and turn < 2 * MERGED:
             return None
-        before, after = (self._slope(point).neutral for point in (critical, landed))
+        before, after = (point.slope.neutral for point in (critical, landed))
         if before == after > 0 and turn < 2 * KICK and not self.slight:
             return None  # pushed along what is neutral on all of the branch
         if turn > FAR:
             return Status.SNAPPED
-        value = self._slope(beyond).lowest
+        value = beyond.slope.lowest
         if first.any() and value > -CLEAR and RETURNED < turn < NEAR * np.sqrt(max(-value, 0.0)):
             return Status.BIFURCATED  # too near for a quarter of that to be told
-        ratio = yield from self._shrinks(critical, beyond.level, landed, first)
+        ratio = yield from self._shrinks(critical, beyond.level, landed, first, after)
         if ratio < SAME_BRANCH and (turn < RETURNED or not first.any()):
             return None
         return Status.SNAPPED if ratio > APART else Status.BIFURCATED
@@ -330,21 +330,12 @@ class Journey(Walk):
         while True:
             level = min(1.0, critical.level + step)
             beyond = yield from self._beyond(critical, level)
-            slope = self._slope(beyond)
+            slope = beyond.slope
             if slope.lowest < -CLEAR or abs(slope.along[0]) > DECIDED or _held(slope):
                 return beyond
             if level == 1.0:
                 return beyond if slope.lowest < -AT_END else None
             step *= 4
-
-    def _beyond(self, critical: Point, level: float) -> Run:
-        """The critical unknowns at a level beyond; with clamps, what else changes on the branch changed with it."""
-        point = yield from self._at(critical.unknowns, level)
-        for _ in range(ALONGSIDE if len(point.frames) > 1 else 0):
-            slope = self._slope(point)
-            turn = np.where(slope.values > VANISHING, slope.turn(RADIUS), 0.0)
-            point = yield from self._at(point.unknowns + slope.back + slope.change(slope.modes @ turn), level)
-        return point
 
     def _way_out(self, slope: Slope, beyond: Point, critical: Point) -> tuple[FloatArray, bool]:
         """How the tip is turned off a point that is in balance, 0 where a moment drives it, shape (n,), and whether that is so.
@@ -356,7 +347,7 @@ class Journey(Walk):
         if np.abs(slope.along[:count]).max() > DRIVEN * max(1.0, (beyond.level - critical.level) / self._overshoot(critical)):
             return np.zeros(len(slope.values)), True
         modes = slope.modes[:, :count]
-        places = beyond.moved @ np.column_stack([slope.change(mode) for mode in modes.T])
+        places = beyond.moved @ slope.change(modes)
         reach = np.linalg.norm(places, axis=(1, 2))
         moves = places[-1 if reach[-1] >= ALONG * reach.max() else int(np.argmax(reach > (1 - ALONG) * reach.max()))]
         size = np.linalg.norm(moves, axis=1)
@@ -364,21 +355,31 @@ class Journey(Walk):
         with np.errstate(invalid="ignore"):  # where no mode moves the tip there is no way out, and none is found
             return self.side * KICK * modes @ (moves[axis] / size[axis]), False
 
-    def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray) -> Run:
+    def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray, neutral: int) -> Run:
         """Distance of where a quarter of the overshoot leads, over that of where all of it did."""
-        near = yield from self._beyond(critical, critical.level + 0.25 * (level - critical.level))
-        other = yield from self._descend(near, self._slope(near), first)
+        quarter = critical.level + 0.25 * (level - critical.level)
+        other = (yield from self._halfway(critical, quarter, landed, neutral)) if first.any() else None
+        if other is None:
+            near = yield from self._beyond(critical, quarter)
+            other = yield from self._descend(near, near.slope, first)
         if other is None:
             return 1.0
         size = [float(np.linalg.norm(point.unknowns - critical.unknowns)) for point in (other, landed)]
         return size[0] / max(size[1], 1e-300)
 
-    def _descend(self, point: Point, slope: Slope, first: FloatArray) -> Run:
-        """(4) Where going down in energy leads from a point, after turning the tip by ``first``; None where it leads nowhere."""
-        if slope.clamps:
-            landed = yield from self._descend_clamped(point, slope, first)
-            return landed
-        return (yield from self._ask(Descend(point, slope, first, self.within, self._left))).point
+    def _halfway(self, critical: Point, level: float, landed: Point, neutral: int) -> Run:
+        """The stable equilibrium at a quarter of the way if it is where a branch that leaves as the root of the load has it; None
+        where it is not, and by the turns of clamps, which do not tell that it is stable."""
+        reached = landed.slope
+        if reached.clamps or self.slight:
+            return None
+        expected = 0.5 * (critical.unknowns + landed.unknowns)
+        found, _ = yield from self._correct(expected, level, neutral)
+        slope = None if found is None else self._slope_or_none(found)
+        if slope is None or slope.facing != reached.facing or slope.values[0] < -SOFT:
+            return None
+        near = np.linalg.norm(found.unknowns - expected) <= AS_A_ROOT * np.linalg.norm(expected - critical.unknowns)
+        return found if near else None
 
 
 def _held(slope: Slope) -> bool:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
-from multirod.solvers.following.descent import RADIUS, SOFT, Point, Points, Slope, Slopes, downhill, norms
+from multirod.solvers.following.descent import RADIUS, SOFT, Point, Points, norms
 from multirod.solvers.following.requests import Answer, Correct, Descend, Trace
 from multirod.solvers.following.valley import FLOOR
 from multirod.validation import FloatArray
@@ -21,7 +21,7 @@ BoolArray = NDArray[np.bool_]
 
 NEWTON_STEPS = 8
 SLOW_STEPS = 16  # of what may contract slowly
-POLISHED = 1e-3  # of the tolerance: what needs no step
+BALANCED = 1e-3  # of the tolerance: what needs no step
 GROWTH = 0.5  # of the way, that the next step may be
 FASTER = 3.0
 NEARER = 0.7  # of the way to where a mode vanishes, that a step goes at most: to the fourth part of Gamma and no further
@@ -46,7 +46,7 @@ class _Corrections:
     """What came of Newton's method of many.
 
     Attributes:
-        found: Points of those that came to an equilibrium, each with its number among them.
+        found: Points of those that came to an equilibrium.
         contraction: Shape (k,); infinite of the others.
         unknowns, gamma: Of those that did.
         integrations: Shape (k,).
@@ -55,7 +55,7 @@ class _Corrections:
 
     def __init__(self, unknowns: FloatArray) -> None:
         count, n = unknowns.shape
-        self.found: list[tuple[Points, int] | None] = [None] * count
+        self.found: list[Point | None] = [None] * count
         self.contraction = np.full(count, np.inf)
         self.unknowns, self.gamma = np.array(unknowns), np.zeros((count, n, n))
         self.integrations, self.spent = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
@@ -81,9 +81,8 @@ def correct(server: Server, asked: dict[int, Correct]) -> dict[int, Answer]:
     )
     answers = {}
     for i, place in enumerate(places.tolist()):
-        own, taken = found.found[i], int(found.integrations[i])
-        point = None if own is None else own[0].point(own[1])
-        answers[place] = Answer(point, taken, taken, bool(found.spent[i]), float(found.contraction[i]))
+        taken = int(found.integrations[i])
+        answers[place] = Answer(found.found[i], taken, taken, bool(found.spent[i]), float(found.contraction[i]))
     return answers
 
 
@@ -117,11 +116,11 @@ def _correct(
         largest = np.abs(_across(residual, gamma, neutral[now] * aside[now])).max(axis=1)
         sound = np.isfinite(largest) & np.isfinite(gamma).all(axis=(1, 2)) & ~over
         # one step at least, as what is within the tolerance by chance tells the next step along the branch nothing
-        there = sound & (largest <= (tolerance[now] if k else POLISHED * tolerance[now]))
+        there = sound & (largest <= (tolerance[now] if k else BALANCED * tolerance[now]))
         if there.any():
             points = server.points(places[now[there]])
             for row, i in enumerate(now[there].tolist()):
-                result.found[i] = points, row
+                result.found[i] = points[row]
             result.contraction[now[there]] = contraction[now[there]]
             result.unknowns[now[there]], result.gamma[now[there]] = unknowns[now[there]], gamma[there]
         on[now[~sound | there]] = False
@@ -178,9 +177,8 @@ def trace(server: Server, asked: dict[int, Trace]) -> dict[int, Answer]:
         walk.step()
     answers = {}
     for i, place in enumerate(places.tolist()):
-        own, taken = walk.at[i], int(walk.integrations[i])
-        point = own if isinstance(own, Point) else own[0].point(own[1])
-        answers[place] = Answer(point, taken, taken, bool(walk.spent[i]))
+        taken = int(walk.integrations[i])
+        answers[place] = Answer(walk.at[i], taken, taken, bool(walk.spent[i]))
     return answers
 
 
@@ -188,7 +186,7 @@ class _Traces:
     """Many on their way along branches, all of which take a step at a time.
 
     Attributes:
-        at: The last point of each, or where it stands among those of a launch.
+        at: The last point of each.
         integrations: Shape (k,).
         spent: Shape (k,).
     """
@@ -200,7 +198,7 @@ class _Traces:
         self.most, self.tolerance = (np.array([getattr(one, name) for one in asked]) for name in ("most", "tolerance"))
         self.aside = np.array([one.aside for one in asked])
         self.safe, self.longest = (np.array([getattr(one, name) for one in asked]) for name in ("safe", "longest"))
-        self.at: list[Point | tuple[Points, int]] = [one.start for one in asked]
+        self.at: list[Point] = [one.start for one in asked]
         self.gamma = np.array([one.start.gamma for one in asked])
         # the last three points, the last one first
         self.unknowns, self.levels = np.zeros((count, 3, n)), np.zeros((count, 3))
@@ -329,7 +327,7 @@ def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:
     left = np.array([one.left for one in all_])
     unknowns, facing = np.array([one.point.unknowns for one in all_]), np.array([one.slope.facing for one in all_])
     step = np.array([one.slope.change(one.first) if one.first.any() else one.slope.step(RADIUS) for one in all_])
-    slopes: list[Slope | tuple[Slopes, int]] = [one.slope for one in all_]
+    slopes = [one.slope for one in all_]
     radius, on = np.full(count, RADIUS), np.ones(count, dtype=bool)
     integrations, spent = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
     there: list[Point | None] = [None] * count
@@ -344,28 +342,26 @@ def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:
         spent[now] = over
         on[now[over]] = False
         points = server.points(places[now])
-        found, along = points.slopes, points.slopes.along
+        found = points.slopes
         # beyond, the rod would snap though its tip were held: not in one long step
         good = found.fit & (found.facing == facing[now])
         shorter = now[~good & ~over]
         radius[shorter] *= 0.5
         on[shorter[radius[shorter] < SHORTEST]] = False
         for i in shorter[on[shorter]].tolist():
-            before = slopes[i]
-            step[i] = (before if isinstance(before, Slope) else before[0].slope(before[1])).step(float(radius[i]))
+            step[i] = slopes[i].step(float(radius[i]))
         with np.errstate(invalid="ignore"):
-            rests = good & ~over & (np.abs(points.residual).max(axis=1) <= tolerance[now]) & (found.values[:, 0] >= -SOFT)
+            rests = good & ~over & (points.size <= tolerance[now]) & (found.values[:, 0] >= -SOFT)
         for i in np.flatnonzero(rests).tolist():
-            there[now[i]] = points.point(i)
+            there[now[i]] = points[i]
         on[now[rests]] = False
         rows = np.flatnonzero(good & ~over & ~rests)
         some = now[rows]
         unknowns[some] = points.unknowns[rows]
         radius[some] = np.minimum(RADIUS, 1.5 * radius[some])
-        turn = (found.modes[rows] @ downhill(along[rows], found.values[rows], radius[some])[..., None])[..., 0]
-        step[some] = found.back[rows] + (found.ways[rows] @ turn[..., None])[..., 0]
+        step[some] = found.steps(rows, radius[some])
         for i, row in zip(some.tolist(), rows.tolist(), strict=True):
-            slopes[i] = found, row
+            slopes[i] = found[row]
     return {
         place: Answer(there[i], int(integrations[i]), int(integrations[i]), bool(spent[i]))
         for i, place in enumerate(places.tolist())

@@ -12,9 +12,10 @@ from multirod.validation import FloatArray
 
 @dataclass(frozen=True)
 class Judge:
-    """A request to tell the stability at a point."""
+    """A request to tell the stability at unknowns, shape (n,), and a level."""
 
-    point: Point
+    unknowns: FloatArray
+    level: float
 
 
 @dataclass(frozen=True)
@@ -34,9 +35,10 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Weigh:
-    """A request for the potential energy at a point [J]."""
+    """The same for the potential energy [J]."""
 
-    point: Point
+    unknowns: FloatArray
+    level: float
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multirod.solvers.following.descent import Point, Slope, Unfit, slope_at
+from multirod.solvers.following.descent import Point, Slope, Unfit
 from multirod.solvers.following.requests import Run
 from multirod.validation import FloatArray
 
@@ -99,7 +99,7 @@ def by_turns(at: Callable[[FloatArray, float], Run], level: float, facing: float
         for _ in range(CORRECTIONS):
             point = yield from at(unknowns, level)
             try:
-                slope = slope_at(point)
+                slope = point.slope
             except Unfit:
                 return None
             along, across = float(slope.along[0]), slope.along[1:]

@@ -10,8 +10,8 @@ import numpy as np
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION
-from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit, slope_at
-from multirod.solvers.following.many import alike
+from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
+from multirod.solvers.following.many import BALANCED, FASTER, alike
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Run, Trace, Weigh
 from multirod.solvers.following.valley import FIRST, LONGEST, by_residuals, by_turns, down_valley, in_valley
 from multirod.status import Status
@@ -29,6 +29,8 @@ OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
 ALONG_VALLEY = 20  # steps along a valley, after which it is followed
 HARDLY = 1e-3  # of K/L: a mode that is softer is let go on the way, and comes down its valley at the end
 NEAR, WIDE = 1e-3, 0.1  # of the unknowns: the first step along a valley, and the longest
+ALONGSIDE = 2  # steps of Newton's method across modes that vanish
+VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
 # turns along a neutral mode, where it is still neutral if symmetry makes it so: the less, the less it is bent [rad]
 ASIDE = (0.05, 0.005)
 
@@ -94,17 +96,14 @@ class Walk:
         point = yield At(unknowns, level)
         return point
 
-    def _slope(self, point: Point) -> Slope:
-        return slope_at(point)
-
     def _judge(self, point: Point) -> Run:
         self._count()
-        judgement = yield Judge(point)
+        judgement = yield Judge(point.unknowns, point.level)
         return judgement
 
-    def _weigh(self, point: Point) -> Run:
+    def _weigh(self, unknowns: FloatArray, level: float) -> Run:
         self._count()
-        potential = yield Weigh(point)
+        potential = yield Weigh(unknowns, level)
         return potential
 
     def _count(self, integrations: int = 1) -> None:
@@ -136,7 +135,7 @@ class Walk:
 
     def _slope_or_none(self, point: Point) -> Slope | None:
         try:
-            return self._slope(point)
+            return point.slope
         except Unfit:
             return None
 
@@ -164,12 +163,14 @@ class Walk:
         if found is None or there is None or there.neutral < count:
             return False
         # what moves need not be the tip
-        turned = point.turned[: len(point.forces)] @ (found.unknowns - point.unknowns)
+        turned = point.turned[: len(mode)] @ (found.unknowns - point.unknowns)
         return bool(abs(mode @ turned) >= 0.5 * turn)
 
     def _along(self, start: Point, neutral: int, origin: Point | None = None) -> Run:
         """The last point on the branch through one, of level 1 if it leads there; ``origin`` is where it left another."""
-        ways = self._overshoot(start), self.safe_step, self.most_step, self.max_steps
+        # what is known of a branch that leaves another is a start of its parabola, whose length tells how far it may be followed
+        first = self._overshoot(start) if origin is None else max(self._overshoot(start), FASTER * (start.level - origin.level))
+        ways = first, self.safe_step, self.most_step, self.max_steps
         aside = self.hardly > neutral
         count = max(neutral, self.hardly)
         return (yield from self._ask(Trace(start, count, self.tolerance, self._left, *ways, origin, aside))).point
@@ -217,6 +218,12 @@ class Walk:
         answer = yield from self._ask(Correct(unknowns, level, neutral, self.tolerance, self._left, any_contraction))
         return answer.point, answer.contraction
 
+    def _balanced(self, point: Point, neutral: int) -> Run:
+        """The equilibrium beside a point; itself where it needs no step."""
+        if point.size <= BALANCED * self.tolerance:
+            return point
+        return (yield from self._correct(point.unknowns, point.level, neutral))[0]
+
     def _next_to(self, unknowns: FloatArray, neutral: int) -> Run:
         """The equilibrium at the end of the way by other equations than those of ``unknowns``; None where there is none near.
 
@@ -226,7 +233,23 @@ class Walk:
         slow = found is not None and contraction > CONTRACTION
         return None if slow and np.linalg.norm(found.unknowns - unknowns) > POLISHED * np.linalg.norm(unknowns) else found
 
+    def _beyond(self, critical: Point, level: float) -> Run:
+        """The critical unknowns at a level beyond; with clamps, what else changes on the branch changed with it."""
+        point = yield from self._at(critical.unknowns, level)
+        for _ in range(ALONGSIDE if len(point.frames) > 1 else 0):
+            slope = point.slope
+            turn = np.where(slope.values > VANISHING, slope.turn(RADIUS), 0.0)
+            point = yield from self._at(point.unknowns + slope.back + slope.change(slope.modes @ turn), level)
+        return point
+
     # ---- down in energy ----
+
+    def _descend(self, point: Point, slope: Slope, first: FloatArray) -> Run:
+        """(4) Where going down in energy leads from a point, after turning the tip by ``first``; None where it leads nowhere."""
+        if slope.clamps:
+            landed = yield from self._descend_clamped(point, slope, first)
+            return landed
+        return (yield from self._ask(Descend(point, slope, first, self.within, self._left))).point
 
     def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """The same by the turns of clamps: in steps that (9) says are short enough, as ends that are held bend the way."""
@@ -247,7 +270,7 @@ class Walk:
                 floor = by_turns(self._at, point.level, slope.facing)
                 landed = yield from down_valley(floor, point.unknowns, FIRST, LONGEST, self.within)
                 if landed is not None:
-                    self.hardly = int(abs(self._slope(landed).values[0]) < HARDLY)
+                    self.hardly = int(abs(landed.slope.values[0]) < HARDLY)
                     return landed
             if not off <= allowed or rises:
                 share *= 0.5
