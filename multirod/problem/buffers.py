@@ -243,8 +243,8 @@ class Buffers(Uncopied):
         return np.array((self.records.numpy() if self._host is None else self._host)[:, self.record_fields[name]])
 
     def buffer(self, name: str) -> NDArray[Any]:
-        """What the last integration wrote beside the records, ``fault``, ``residual_directions`` or ``pose_columns``, or what it
-        was told, ``active``, ``order`` or ``load_factor``: on the CPU as NumPy sees it in place."""
+        """What the last integration wrote beside the records, ``fault``, ``step_count``, ``residual_directions`` or
+        ``pose_columns``, or what it was told, ``active``, ``order`` or ``load_factor``: on the CPU as NumPy sees it in place."""
         view = self._views.get(name)
         return np.asarray(getattr(self, name).numpy()) if view is None else view
 
@@ -253,7 +253,7 @@ class Buffers(Uncopied):
         """Made once: each time anew they take a loop's sample as long as its linear algebra."""
         if self._host is None:
             return {}
-        names = ("fault", "residual_directions", "pose_columns", "active", "order", "load_factor")
+        names = ("fault", "step_count", "residual_directions", "pose_columns", "active", "order", "load_factor")
         return {name: getattr(self, name).numpy() for name in names}
 
     def _set(self, name: str, values: ArrayLike) -> None:

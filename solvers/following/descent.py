@@ -180,7 +180,7 @@ class Slopes:
         n, m = gamma.shape[-1], len(forces)
         fit = np.asarray(np.isfinite(both).all(axis=(1, 2)) & np.isfinite(gamma).all(axis=(1, 2)))
         inverse = inverses(np.where(fit[:, None, None], both, np.eye(n)))
-        others = np.setdiff1d(np.arange(n), forces)
+        others = np.delete(np.arange(n), forces)
         with np.errstate(invalid="ignore", over="ignore"):  # of states far from any equilibrium, which are not fit
             # of rows that are made as large: turns are by lengths, constraints have no unit
             square = n * ((both * both).sum(axis=2) * (inverse * inverse).sum(axis=1)).sum(axis=1)

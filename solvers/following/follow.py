@@ -213,18 +213,18 @@ class _Together:
         self.levels[places] = level
         with self._placed(part), part.only(on):
             part.integrate()
-        taken = part.step_count.numpy()[places]
+        taken = part.buffer("step_count")[places]
         self._each[places] = np.minimum(self._each[places], taken)
         self._steps[places] += taken
         residual, gamma = part.read("residual")[places], part.read("gamma").reshape(-1, n, n)[places]
-        residual[part.fault.numpy()[places] != 0] = np.nan
+        residual[part.buffer("fault")[places] != 0] = np.nan
         return residual, gamma, self._steps[places] > self._most_steps
 
     def points(self, places: IntArray) -> Points:
         """As ``many.Server`` says."""
         part, n = self.part, self.part.unknown_count
         residual, gamma = part.read("residual")[places], part.read("gamma").reshape(-1, n, n)
-        residual[part.fault.numpy()[places] != 0] = np.nan
+        residual[part.buffer("fault")[places] != 0] = np.nan
         forces, stiffness = np.arange(n), np.full(len(places), np.nan)
         unit, turned = np.full((len(places), n), np.nan), np.full((len(places), n, n), np.nan)
         if self.tip is not None:
@@ -238,7 +238,7 @@ class _Together:
             forces,
             unit,
             turned,
-            part.pose_columns.numpy()[places, None, :3, :n],
+            part.buffer("pose_columns")[places, None, :3, :n],
             part.read("position")[places],
             part.read("rotation").reshape(-1, 1, 3, 3)[places],
             stiffness,
@@ -264,11 +264,11 @@ class _Together:
         with self._placed(part):
             part.integrate()
             residual, gamma, unit, turned = turns.after(unknowns)
-            moved = np.concatenate([turns.clamps.moved(), part.pose_columns.numpy()[:, None, :3, :size]], axis=1)
+            moved = np.concatenate([turns.clamps.moved(), part.buffer("pose_columns")[:, None, :3, :size]], axis=1)
             frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
             costless = turns.clamps.costless() or ()
-        residual[part.fault.numpy() != 0] = np.nan
-        self._steps[places] += np.maximum(self._each, part.step_count.numpy())[places]
+        residual[part.buffer("fault") != 0] = np.nan
+        self._steps[places] += np.maximum(self._each, part.buffer("step_count"))[places]
         more = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
         own = (values[places] for values in more)
         points = Points(unknowns[places], self.levels[places], residual[places], gamma[places], turns.forces, *own)
@@ -298,7 +298,7 @@ class _Together:
                 chosen=chosen,
             )
         found, rest = part.read("unknowns"), ~failures(outcome.status)
-        each = np.maximum(self._each, part.step_count.numpy())
+        each = np.maximum(self._each, part.buffer("step_count"))
         self._steps[list(asked)] += (each * outcome.integrations)[list(asked)]
         return {k: (found[k] if rest[k] else None, int(outcome.integrations[k])) for k in asked}
 

@@ -142,7 +142,7 @@ def _correct(
 def _least_steps(residual: FloatArray, gamma: FloatArray, neutral: IntArray) -> FloatArray:
     """(7) Newton's steps without their parts along ``neutral`` modes, (k, n); NaN where another is singular."""
     result = np.full_like(residual, np.nan)
-    for count in np.unique(neutral).tolist():
+    for count in set(neutral.tolist()):
         own = neutral == count
         if count:
             u, s, v = np.linalg.svd(gamma[own])
@@ -278,7 +278,7 @@ class _Traces:
         """Unknowns by the polynomials through the last points."""
         result = np.zeros((len(now), self.unknowns.shape[2]))
         ways, goals = self._way(now, self.levels[now]), self._way(now, level)
-        for known in np.unique(self.known[now]).tolist():
+        for known in set(self.known[now].tolist()):
             own = self.known[now] == known
             way, unknowns, goal = ways[own], self.unknowns[now[own]], goals[own]
             for i in range(known):
@@ -301,7 +301,7 @@ class _Traces:
 def all_alike(gamma: FloatArray, before: FloatArray, neutral: IntArray, most: FloatArray) -> BoolArray:
     """``same_branch`` without the modes that are neutral all along, so many of each, (k,), to ``most`` of a singular value."""
     result = np.zeros(len(gamma), dtype=bool)
-    for count in np.unique(neutral).tolist():
+    for count in set(neutral.tolist()):
         own = neutral == count
         after, earlier = gamma[own], before[own]
         if not count:
