@@ -110,7 +110,8 @@ def test_many_that_buckle_are_followed_in_hardly_more_launches_than_one(monkeypa
     launches.clear()
     together = mr.solve(robot, robot.inputs(tip_force=force), solver=PRECISE)
     assert len(launches) < 2 * most
-    assert (together.integrations < 130).all()  # 171 by halving to where it buckles, and by extrapolating by the load beyond
+    # 171 by halving to where it buckles, and by extrapolating by the load beyond; 107 by descent at a quarter of the overshoot
+    assert together.integrations.mean() < 102
     np.testing.assert_array_equal(together.unknowns, [own.unknowns for own in alone])
     np.testing.assert_array_equal(together.integrations, [own.integrations for own in alone])
     assert [events[0].said for events in together.events] == [own.events[0].said for own in alone]

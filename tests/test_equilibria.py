@@ -160,6 +160,7 @@ def test_where_the_natural_branch_ends_the_lowest_stable_one_is_meant(reference_
     assert solution.status is mr.Status.LOWEST_ENERGY
     assert not solution.status.failed
     assert "lowest potential energy" in solution.status.message
+    assert solution.integrations < 2000  # from 32 starts in a round; 5700 from 128
     found = mr.equilibria(robot, inputs)
     np.testing.assert_allclose(solution.potential, found.potential[0], rtol=1e-9)
     assert solution.residual < 1e-9
@@ -388,6 +389,19 @@ def test_what_a_tolerance_leaves_of_one_equilibrium_is_no_second_one():
     for unknowns in ([5.0, 0.0], [5.0, 1e-4], [5.0, 1e-3], [5.0 + 1e-4, 0.0]):
         catalogue.add(np.array(unknowns), gamma)
     np.testing.assert_array_equal(catalogue.unknowns, [[5.0, 0.0], [5.0, 1e-3], [5.0 + 1e-4, 0.0]])
+
+
+def test_several_equilibria_are_taken_in_as_one_after_the_other():
+    rng, one, all_ = np.random.default_rng(0), Catalogue(1.0, 1e-9), Catalogue(1.0, 1e-9)
+    places = rng.choice([0.0, 1.0, 2.0], size=(40, 2)) + rng.choice([0.0, 1e-7, 1e-3], size=(40, 1))
+    gammas = np.array([np.diag([1.0, sign]) for sign in rng.choice([-1.0, 1.0, 1e-7], size=40)])
+    for unknowns, gamma in zip(places, gammas, strict=True):
+        one.add(unknowns, gamma)
+    for some in (slice(0, 25), slice(25, 40)):
+        all_.add_all(places[some], gammas[some])
+    assert 9 < len(one.unknowns) < 40
+    np.testing.assert_array_equal(all_.unknowns, one.unknowns)
+    assert all_.signs == one.signs
 
 
 def test_starts_fill_their_cube():
