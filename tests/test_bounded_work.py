@@ -61,9 +61,9 @@ def test_the_search_for_the_lowest_energy(tubes: mr.ConcentricTubes) -> None:
     inputs = tubes.inputs(rotation=(0, 6.0))
     free = mr.solve(tubes, inputs)
     assert free.status == mr.Status.LOWEST_ENERGY
-    limited = mr.solve(tubes, inputs, solver=mr.Shooting(max_integrations=2000))
+    limited = mr.solve(tubes, inputs, solver=mr.Shooting(max_integrations=1000))
     assert limited.status == LIMIT
-    assert limited.integrations <= 2000 + CHECKS
+    assert limited.integrations <= 1000 + CHECKS
     assert np.isnan(limited.unknowns).all()
 
 
