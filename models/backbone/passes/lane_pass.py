@@ -1,6 +1,7 @@
 """Recorded launches of the kernels in lanes: how instances and their columns are dealt out to lanes, and threads to portions."""
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import warp as wp
@@ -28,6 +29,8 @@ WIDE = processor_has("AVX512F")
 WIDTH = {"float64": 8 if WIDE else 4, "float32": 16 if WIDE else 8}  # lanes on a processor: what its vectors hold, or two of them
 CHUNK = 256  # instances of a thread: its lanes, refilled, stay busy
 BASE_COST = 2.0  # of the state, in columns
+
+layout_of = cache(Layout)  # it takes as long as an integration of one rod
 
 
 def width(precision: str, device: str) -> int:
@@ -94,7 +97,7 @@ class LanePass:
         portion = max(1, min(longest, count))
         lanes = width(precision, device)
         call.unknown_columns, call.direction_columns = columns
-        layout = Layout(features)
+        layout = layout_of(features)
         refuse_narrow(call, features, layout)
         self._arrays = deal(
             call, layout, integrator, precision, device, portion, lanes, shared=call.node_count == 0 or features.along
