@@ -11,7 +11,7 @@ from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
-from multirod.solvers.following.many import BALANCED, FASTER, alike
+from multirod.solvers.following.many import BALANCED, alike
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Run, Trace, Weigh
 from multirod.solvers.following.valley import FIRST, LONGEST, by_residuals, by_turns, down_valley, in_valley
 from multirod.status import Status
@@ -26,6 +26,7 @@ LEAST_RADIUS = 0.005  # the same where steps are short [rad]
 SHORTEST_CLAMPED = 1e-4  # part of a step
 MISSED = 0.2  # part of a step, by which it may have been wrong
 OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
+STIFFER = 2.0  # of how far a branch was found from where it left another: its mode stiffens with that, in a step by 4 at most
 ALONG_VALLEY = 20  # steps along a valley, after which it is followed
 HARDLY = 1e-3  # of K/L: a mode that is softer is let go on the way, and comes down its valley at the end
 NEAR, WIDE = 1e-3, 0.1  # of the unknowns: the first step along a valley, and the longest
@@ -168,8 +169,9 @@ class Walk:
 
     def _along(self, start: Point, neutral: int, origin: Point | None = None) -> Run:
         """The last point on the branch through one, of level 1 if it leads there; ``origin`` is where it left another."""
-        # what is known of a branch that leaves another is a start of its parabola, whose length tells how far it may be followed
-        first = self._overshoot(start) if origin is None else max(self._overshoot(start), FASTER * (start.level - origin.level))
+        first = self._overshoot(start)
+        if origin is not None:
+            first = max(first, STIFFER * (start.level - origin.level))
         ways = first, self.safe_step, self.most_step, self.max_steps
         aside = self.hardly > neutral
         count = max(neutral, self.hardly)
