@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import test_driven_joints as driven_joints
 from scipy.spatial.transform import Rotation
 from test_network import circle, pose
 
@@ -109,6 +110,15 @@ def test_what_is_driven_is_where_it_is_driven_to():
     np.testing.assert_array_equal(data["joint_slide"].sel(slid_joint="back base"), 0.02 * t)
     again = robot.inputs(angle={name: history[2].joint_angle(name) for name in angle}, slide={"back base": 0.02 * t[2]})
     np.testing.assert_array_equal(again.angle, history.inputs.angle[2])
+
+
+def test_angles_of_driven_joints_are_those_that_were_given():
+    robot, given = driven_joints.driven(), driven_joints.ANGLES
+    angles = [0.4 * given[kind] for kind in ("revolute", "spherical", "universal")]
+    inputs = robot.inputs(angle=driven_joints.by_name(robot, angles), **driven_joints.GIVEN)
+    found = mr.solve(robot, inputs, solver=driven_joints.EXACT)
+    for name, own in zip(robot.driven_joints, angles, strict=True):
+        np.testing.assert_array_equal(found.joint_angle(name).reshape(-1), own)
 
 
 def test_what_has_no_result_has_no_angle():
