@@ -156,6 +156,23 @@ def test_a_straight_rod_held_where_it_rests_says_what_is_not_determined():
     assert names(history) == ["UNDETERMINED"]
 
 
+@pytest.mark.parametrize("bend", [1e-8, 1e-4])  # by which it is bent in its length [rad]
+@pytest.mark.parametrize("stiffness", [EI, (40 * EI, EI)], ids=["round", "strip"])
+def test_a_rod_that_is_nearly_straight_stays_where_it_rests_and_is_pushed_from_there(stiffness, bend):
+    rod = mr.Rod(length=LENGTH, bending_stiffness=stiffness, torsional_stiffness=EI, precurvature=(0, bend / LENGTH, 0))
+    held, time = mr.HeldRod(rod), np.linspace(0, 1, 6)
+    rest = mr.solve(held)
+    assert rest.status is mr.Status.CONVERGED
+    np.testing.assert_allclose(rest.end_force, 0, atol=1e-9 * EI / LENGTH**2)  # the default tolerance
+    if bend < 1e-6 and stiffness == EI:
+        return  # next to nothing would hold it in its plane
+    motion = mr.simulate(held, held.inputs(translation=0.05 * LENGTH * time), time=time)
+    assert (motion.status == mr.Status.CONVERGED).all()
+    beyond = mr.solve(held, held.inputs(translation=0.05 * LENGTH))
+    # either side, which differ by how much it is bent
+    np.testing.assert_allclose(motion[-1].potential, beyond.potential, rtol=2 * bend + 1e-6)
+
+
 def test_an_arch_snaps_through_as_links_that_creep():
     """Its ends pushed together by a tenth, then pressed from above: not by its tip, which is held."""
     robot, span = mr.HeldRod(STRIP), 0.9 * LENGTH

@@ -30,6 +30,7 @@ INTEGRATIONS_AT_REST = 3
 SETTLING = 4  # and more where a rod begins buckled
 REGULAR = 1e-7  # smallest singular value of Gamma at rest, from which the path begins there
 SINGULAR = 1e-12  # the same, to rounding
+SAME = 1e-9  # of its length, and rad: what the end may be aside of where it is at rest, and no rod has to bend for
 # of its length, what a rod is shortened by that begins buckled: from where on it is, the least where its end is turned, the most
 BUCKLED, TURNED, MOST = 1e-6, 0.05, 0.3
 WEIGHED, AT_MOST = 0.1, 0.5  # load in EI/L^2 by which both sides are weighed, and the part of its own that it is at most
@@ -134,7 +135,7 @@ def begin(problem: "HeldProblem") -> Begun:
         problem.table.rest_turn.assign(vectors(problem.end_frame @ np.swapaxes(rotation, 1, 2)))
         residual, gamma = problem.evaluate(x)
         least = _least_singular_value(gamma)
-        stuck = ~(least > REGULAR)
+        stuck = ~(least > REGULAR) & ~_stays(problem, position, rotation)
         if stuck.any() or problem.rod.features.shear:
             start = bent_rods(problem, x)
             far = start.twofold & _pushed_far(problem, start.end) & ~stuck
@@ -154,6 +155,15 @@ def begin(problem: "HeldProblem") -> Begun:
             least = _least_singular_value(gamma)
     integrations = INTEGRATIONS_AT_REST + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed
     return Begun(x, residual, least, integrations, passed)
+
+
+def _stays(problem: "HeldProblem", position: FloatArray, rotation: FloatArray) -> NDArray[np.bool_]:
+    """Whether the end is held where it is at rest, (instance_count, 3) and (instance_count, 3, 3), nothing acts, and the rod is
+    bent there, so that its force is determined, if only just; shape (instance_count,)."""
+    place, frame = problem.goal()
+    away = np.linalg.norm(place - position, axis=1) / problem.length_in_use()
+    turned = np.linalg.norm(vectors(frame @ np.swapaxes(rotation, 1, 2)), axis=1) + np.abs(problem.read("inputs")[:, 0])
+    return np.asarray((away + turned < SAME) & ~loaded(problem) & ~straight_at_rest(problem))
 
 
 def _passed(problem: "HeldProblem", start: Start, far: NDArray[np.bool_]) -> dict[int, BranchEvent]:
