@@ -74,6 +74,25 @@ def test_columns_may_stand_in_lanes_of_their_own(robot, integrator, parts, monke
         np.testing.assert_array_equal(apart[name], value, err_msg=name)
 
 
+@pytest.mark.parametrize("integrator", [RK4, RK45], ids=str)
+def test_nodes_and_columns_there_may_stand_in_lanes_of_their_own(robot, integrator, monkeypatch):
+    """Also where lanes take parts of one instance at different times, and so stand on different nodes of one stretch."""
+
+    def found(parts):
+        monkeypatch.setattr(lane_pass, "parts_of", lambda count, columns, lanes: min(parts, columns))
+        made = problem_of(robot, integrator, 11).nodes.of_all(9)
+        made.launch.launch()
+        return {name: made.read(name).copy() for name in made._outputs}
+
+    together = found(1)
+    assert np.isfinite(together["node_columns"]).all()
+    assert together["node_columns"].any()
+    for parts in (2, 3, 5):
+        apart = found(parts)
+        for name, value in together.items():
+            np.testing.assert_array_equal(apart[name], value, err_msg=name)
+
+
 @pytest.mark.parametrize("width", [1, 8])
 def test_more_and_fewer_lanes(robot, width, monkeypatch):
     """Other code of the same equations: to rounding."""

@@ -99,9 +99,7 @@ class LanePass:
         call.unknown_columns, call.direction_columns = columns
         layout = layout_of(features)
         refuse_narrow(call, features, layout)
-        self._arrays = deal(
-            call, layout, integrator, precision, device, portion, lanes, shared=call.node_count == 0 or features.along
-        )
+        self._arrays = deal(call, layout, integrator, precision, device, portion, lanes)
         launch_arguments = [table, call, self._arrays]
 
         self._threads = threads(call, portion)
@@ -171,12 +169,10 @@ def threads(call: Struct, count: int) -> int:
     return max(1, -(-count * int(call.parts) // int(call.chunk)))
 
 
-def deal(
-    call: Struct, layout: Layout, integrator: Integrator, precision: str, device: str, count: int, lanes: int, *, shared: bool
-) -> Array:
+def deal(call: Struct, layout: Layout, integrator: Integrator, precision: str, device: str, count: int, lanes: int) -> Array:
     """Set what ``call`` says of lanes, for ``count`` instances at most in a launch; returns the memory of the threads."""
     columns = call.unknown_columns + call.direction_columns
-    call.parts = parts_of(count, columns, lanes) if shared else 1
+    call.parts = parts_of(count, columns, lanes)
     call.part_columns = -(-columns // call.parts)
     call.chunk = call.parts * (CHUNK if lanes > 1 else 1)
     call.lane = wp.zeros((threads(call, count) * lanes, LANE_SIZE), dtype=wp.float64, device=device)

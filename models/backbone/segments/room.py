@@ -53,7 +53,7 @@ class Room:
         if call.node_count == 0:  # else a segment's steps are those of a whole rod
             call.step_limit = min(call.step_limit, STEPS_ALLOWED)
         call.unknown_columns, call.direction_columns = columns, directions if columns else 0
-        memory = deal(call, Layout(features), problem.integrator, "float64", device, capacity, lanes, shared=call.node_count == 0)
+        memory = deal(call, Layout(features), problem.integrator, "float64", device, capacity, lanes)
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((capacity,), wp.int32) for name in WHOLE}
         shapes |= {name: ((capacity,), wp.float64) for name in ("start", "end", "energy", "work")}
         size, varied = breakpoint_state(features).size, unknowns_of(features).size

@@ -69,7 +69,7 @@ class ClampedBackbones:
             self._call.wrench.columns = wp.zeros((count, 6, d + loads), dtype=wp.float64, device=device)
         self._call.unknown_columns, self._call.direction_columns = d, loads
         lanes = width("float64", device)
-        memory = deal(self._call, Layout(self._features), problem.integrator, "float64", device, count, lanes, shared=True)
+        memory = deal(self._call, Layout(self._features), problem.integrator, "float64", device, count, lanes)
         segment: Any = SegmentCall()
         segment.instance = wp.array(np.arange(count), dtype=wp.int32, device=device)
         segment.steps = wp.zeros(count, dtype=wp.int32, device=device)

@@ -275,9 +275,9 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             known = before >= 0 and before // call.parts == job // call.parts and call.lane[p - 1, START] == start
         if known:
             copy_lane(memory, z, wp.static(layout.stretch.size), l, l - 1)
-            call.lane[p, END] = call.lane[p - 1, END]
             call.lane[p, STRETCH_END] = call.lane[p - 1, STRETCH_END]
             call.lane[p, END_MOVER] = call.lane[p - 1, END_MOVER]
+            find_stop(rods, call, case, p)  # the other may have begun earlier, and be past the first stop
         else:
             find_end(rods, call, case, p)
             load_sections(rods, call, case, memory, o, l, start)

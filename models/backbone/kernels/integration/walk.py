@@ -72,13 +72,11 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     controlled_step = step.controlled_step or equal_step
     ADAPTIVE = step.controlled_step is not None
     GIVEN_FORCE, DIRECTIONS, FORCE_ACTS = layout.GIVEN_FORCE, layout.DIRECTIONS, layout.FORCE
-    NODES, NODE_COLUMNS = layout.NODES, features.node_columns
-    s, g = layout.steps, layout.given
+    s, g, NODES, NODE_COLUMNS = layout.steps, layout.given, layout.NODES, features.node_columns
     X, LENGTH, SIZE, LEFT = s["x"], s["length"], s["size"], s["left"]
     ACTIVE, COUNT, REJECTED, LONGEST, CONTROLLED = s["active"], s["count"], s["rejected"], s["longest"], s["controlled"]
     Z, COLUMNS, COLUMN_SIZE, GIVEN = memory.STRETCH, memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
-    GIVEN_FORCE_AT = g["force"]
-    PLACE, CURVATURE_AT, MOMENT_AT = memory.PLACES, layout.place["curvature"], layout.place["moment"]
+    PLACE, CURVATURE_AT, MOMENT_AT, GIVEN_FORCE_AT = memory.PLACES, layout.place["curvature"], layout.place["moment"], g["force"]
     COMPLIANCE_AT, UNANSWERED, MEMBERS = layout.stretch["compliance"], layout.stretch["unanswered"], bool(features.members)
 
     @wp.func
@@ -164,7 +162,8 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
             output = int(call.lane[p, OUTPUT]) + 1
             # an iterate may have a length that is none, and so be past all nodes
             if output < call.node_count and end >= output_arclength(rods, call, case, output):
-                write_node(rods, call, case, memory, o, l, y, output, end)
+                if job % call.parts == 0:
+                    write_node(rods, call, case, memory, o, l, y, output, end)
                 call.lane[p, OUTPUT] = f64(output)
         if wp.static(NODE_COLUMNS):
             # what twists behind the plate varies there too, the frame hardly: no inverse has a meaning beside the base
@@ -258,9 +257,10 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
 
     @wp.func
     def at_base(call: wp.ref[Call], memory: memory_type, o: int, l: int, p: int) -> bool:
-        """Whether a lane stands on its base and has written no node yet."""
+        """Whether a lane that writes nodes stands on its base and has written none yet."""
         there = call.lane[p, JOB] >= f64(0.0) and call.lane[p, START] == f64(0.0) and call.lane[p, OUTPUT] == f64(0.0)
-        return there and call.node_count > 0 and get_lane(memory, o + wp.static(X), l) == d(0.0)
+        writes = call.node_count > 0 and int(call.lane[p, JOB]) % call.parts == 0
+        return there and writes and get_lane(memory, o + wp.static(X), l) == d(0.0)
 
     @wp.func
     def force_at(call: wp.ref[Call], p: int) -> wp.vec3d:
