@@ -184,9 +184,6 @@ class Parameters:
         return np.concatenate(result)
 
 
-COMPONENTS = {"bending_stiffness": 2, "torsional_stiffness": 1, "precurvature": 3, "foundation": 3, "magnetisation": 3}
-
-
 def said(key: Key) -> str:
     """Parameters that are fitted together, in words."""
     return key if isinstance(key, str) else " and ".join(key)
@@ -195,8 +192,8 @@ def said(key: Key) -> str:
 def _table(robot: Assembly, name: str, count: int) -> tuple[FloatArray, FloatArray]:
     """Zeros, of columns by a parameter and ``count`` numbers, and the same as (rod, section, component, number)."""
     result = np.zeros((robot.column_count(name), count))
-    size = COMPONENTS[name]
-    return result, result.reshape(robot.rod_count, -1, size, count)
+    sections = max(len(rod.sections) for rod in robot.rods)
+    return result, result.reshape(robot.rod_count, sections, -1, count)
 
 
 def _number(section: Section, name: str) -> FloatArray:
