@@ -779,6 +779,14 @@ GROUPS: dict[str, list[Mistake]] = {
             "mr.calibrate",
         ),
         Mistake(
+            "a load and a number of the robot together",
+            "mr.estimate(robot, unknown={'tip_force': mr.Prior(sigma=0.5), 'bending_stiffness': mr.Prior(1, sigma=0.1)}, "
+            "measured=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3))",
+            TypeError,
+            "known loads; then ask for tip_force with the robot that it returns",
+            "mr.calibrate, then mr.estimate(fit.robot, ...)",
+        ),
+        Mistake(
             "measured strains for curvatures",
             "mr.Curvature(at=(0.1, 0.2), value=[(1500, 0), (900, 0)], sigma=5)",
             WARNING,

@@ -187,12 +187,14 @@ def freed(field: str, robot: Assembly, free: object) -> tuple[str, ...]:
     if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
         raise TypeError(f"{field} must be names of inputs, such as ('rotation', 'translation')")
     specs = {spec.name: spec for spec in robot.input_specs}
-    for name in names:
-        if name not in specs and name in robot.parameters:
-            raise TypeError(
-                f"{field} takes inputs of the robot, and {name!r} is a number of its rods: mr.calibrate(parameters={name!r}) "
-                "finds that from measurements under known loads"
-            )
+    own = [name for name in names if name not in specs and name in robot.parameters]
+    if own:
+        inputs = ", ".join(name for name in names if name in specs)
+        raise TypeError(
+            f"{field} takes inputs of the robot, and {own[0]!r} is a number of its rods: "
+            f"mr.calibrate(parameters={own[0] if len(own) == 1 else own!r}) finds that from measurements under known loads"
+            + (f"; then ask for {inputs} with the robot that it returns" if inputs else "")
+        )
     unknown_names(field, names, specs)
     if not names or len(set(names)) < len(names):
         refuse(field, tuple(names), "must name one input or several, each once")
