@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import soft_magnet
 
 import multirod as mr
 
@@ -68,6 +69,28 @@ def test_a_failed_instance_is_nan_and_leaves_the_others_as_they_are_alone(robot,
     assert np.isnan(mapped[[1, 3]]).all()
     assert np.isnan(slopes[[1, 3]]).all()
     np.testing.assert_array_equal(few(tip_force=forces), mapped)
+
+
+@pytest.mark.parametrize("of", ["tip_position", "tip_pose"])
+def test_derivatives_by_medium_and_magnetisation(of):
+    """Against differences, and bitwise as alone beside an instance that fails."""
+    tip, values = mr.jax.function(soft_magnet.ROBOT, of=of, **soft_magnet.SCENE), soft_magnet.batch()
+    failed = [mr.Status(int(s)).failed for s in tip.status(**values)]
+    assert failed == [k == soft_magnet.LOST for k in range(4)]
+    slope = jax.jit(jax.jacrev(lambda given: tip(**given)))
+    together = jax.vmap(slope)(values)
+    for k in range(4):
+        own = {name: value[k] for name, value in values.items()}
+        alone = slope(own)
+        for name, columns in alone.items():
+            np.testing.assert_array_equal(together[name][k], columns)
+            assert np.isnan(columns).all() == failed[k]
+        if k == 0:
+            for name, step in soft_magnet.STEPS.items():
+                way, places = soft_magnet.along(own, name)
+                expected = np.tensordot(soft_magnet.WEIGHTS, [tip(**place) for place in places], 1) / step
+                found = np.tensordot(alone[name], way, 3)
+                np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_a_shared_value_takes_the_mean_of_the_gradients_that_there_are(robot):

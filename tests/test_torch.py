@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import soft_magnet
 
 import multirod as mr
 
@@ -59,6 +60,33 @@ def test_gradcheck_passes_with_an_instance_that_fails(robot, of):
         own.sum().backward()
         assert torch.equal(own, value[k])
         assert torch.equal(alone.grad, every.grad[k])
+
+
+@pytest.mark.parametrize("of", ["tip_position", "tip_pose"])
+def test_gradients_by_medium_and_magnetisation(of):
+    """Against differences, and bitwise as alone beside an instance that fails."""
+    layer, values = mr.torch.Layer(soft_magnet.ROBOT, of=of, **soft_magnet.SCENE), soft_magnet.batch()
+    failed = [mr.Status(int(s)).failed for s in layer.status(**values)]
+    assert failed == [k == soft_magnet.LOST for k in range(4)]
+    weights = tensor(np.random.default_rng(1).standard_normal(layer.equilibrium.output))
+
+    def gradients(values):
+        given = {name: tensor(value, requires_grad=True) for name, value in values.items()}
+        (weights * layer(**given)).sum().backward()
+        return {name: own.grad for name, own in given.items()}
+
+    together = gradients(values)
+    for k in range(4):
+        own = {name: value[k] for name, value in values.items()}
+        for name, alone in gradients(own).items():
+            np.testing.assert_array_equal(together[name][k], alone)
+            assert torch.isnan(alone).all() == failed[k]
+            if k == 0:
+                way, places = soft_magnet.along(own, name)
+                losses = np.array([float((weights * layer(**place)).sum()) for place in places])
+                expected = soft_magnet.WEIGHTS @ losses / soft_magnet.STEPS[name]
+                size = np.abs(soft_magnet.WEIGHTS) @ np.abs(losses) / soft_magnet.STEPS[name]
+                assert float((alone * tensor(way)).sum()) == pytest.approx(expected, rel=1e-9, abs=1e-12 * size)
 
 
 def test_single_precision_stays_so_and_what_does_not_fit_is_said(robot):
