@@ -88,6 +88,34 @@ def test_a_rod_against_its_field_buckles_where_theory_says():
     np.testing.assert_allclose([load.load_factor for load in found], [1.0, 4.0], rtol=1e-6)
 
 
+@pytest.mark.parametrize(("k", "part"), [(10.0, 1.8), (100.0, 6.0)])
+def test_a_magnet_in_tissue_buckles_in_a_solve_as_in_a_motion(k, part):
+    """Against its field, in a medium of ``k EI/L^4``; its shape as SciPy has it."""
+    k *= EI / LENGTH**4
+    robot, strength = mr.SingleRod(wire(foundation=k)), part * np.pi**2 / 4 * EI / (2.0 * LENGTH**2)
+    found = mr.solve(robot, robot.inputs(magnetic_field=(0, 0, -strength)))
+    assert found.status is mr.Status.BIFURCATED
+    time = np.linspace(0, 1, 9)
+    moved = mr.simulate(robot, robot.inputs(magnetic_field=np.outer(time, (0, 0, -strength))), time=time)
+    assert not moved.failed.any()
+    np.testing.assert_allclose(moved[-1].tip_position, found.tip_position, atol=1e-7 * LENGTH)
+
+    def rates(s, y):
+        x, z, angle, shear, thrust, moment = y
+        turns = np.cos(angle) * shear - np.sin(angle) * thrust
+        more = moment / EI, k * x, k * (z - s), -turns - 2.0 * strength * np.sin(angle)
+        return np.vstack([np.sin(angle), np.cos(angle), *more])
+
+    shape = found.rod(0, nodes=101)
+    force, moment = ((shape.rotation @ values[..., None])[..., 0] for values in (shape.force, shape.moment))
+    angle = np.arctan2(shape.rotation[:, 0, 2], shape.rotation[:, 2, 2])
+    start = np.vstack([shape.position[:, 0], shape.position[:, 2], angle, force[:, 0], force[:, 2], moment[:, 1]])
+    exact = solve_bvp(rates, lambda a, b: np.append(a[:3], b[3:]), shape.arclength, start, tol=1e-9, max_nodes=50_000)
+    assert exact.success
+    np.testing.assert_allclose(found.tip_position[[0, 2]], exact.y[:2, -1], atol=1e-7 * LENGTH)  # what both tolerances leave
+    np.testing.assert_allclose(moment[:, 1], exact.sol(shape.arclength)[5], atol=1e-5 * EI / LENGTH)
+
+
 def dipole(solution: mr.Solution, robot: mr.Assembly, nodes: int = 2001) -> np.ndarray:
     """Magnetic moment of all rods in the world [A m^2], by their shapes."""
     total = np.zeros(3)

@@ -301,6 +301,9 @@ class HeldSegments(BackboneSegments):
 
     # ---- results ----
 
+    def level(self, instances: IntArray) -> FloatArray:  # noqa: D102
+        return np.asarray(self.held.buffer("load_factor")[instances])
+
     def tip_pose(self, cuts: Cuts, found: Propagation) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         R, p = self._base(cuts.instances)
         end = found.end[cuts.first[1:] - 1]
@@ -329,7 +332,7 @@ class HeldSegments(BackboneSegments):
     def wrench(self, points: dict[int, Breakpoints]) -> FloatArray:
         """Force and moment on the tips of these instances, in the world, shape (len(points), 6)."""
         cuts = Cuts.of_points(points)
-        self.propagate(cuts, np.ones(len(points)))
+        self.propagate(cuts, self.level(cuts.instances))
         return np.array(self.call.wrench.values.numpy()[cuts.instances])
 
     def condensed_form(self, points: dict[int, Breakpoints]) -> CondensedForm:
@@ -344,7 +347,7 @@ class HeldSegments(BackboneSegments):
         table = self.problem.buffers.twisting_table()
         if table is self.problem.table:  # whose base is turned in its joint
             table = self.table
-        found = self._launched(cuts, np.ones(len(cuts.instances)), table)
+        found = self._launched(cuts, self.level(cuts.instances), table)
         chosen = cuts.instances
         transition, first = self._transitions(cuts, found), cuts.first
         if self._placed:
@@ -378,7 +381,7 @@ class HeldSegments(BackboneSegments):
         held, chosen = self.held, cuts.instances
         m, h = held.rod.unknown_count, 6 + held.turns
         rows = cuts.first[:-1]
-        spin = matrices(-held.read("inputs")[chosen, :1] * AXIS)
+        spin = matrices(-self.level(chosen)[:, None] * held.read("inputs")[chosen, :1] * AXIS)
         axes = held.holders.base_axes
         a = held.length[chosen, None] * (cuts.unknowns[:, m:] @ axes)
         axes_of_base = left_jacobian(-a) @ axes.T

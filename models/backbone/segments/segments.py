@@ -336,7 +336,7 @@ class BackboneSegments(Segments):
         if problem.held:
             form.put(np.flatnonzero(few), held_form(self, cuts))
             return form
-        found = self._propagate(cuts, np.ones(len(cuts.instances)), problem.buffers.twisting_table())
+        found = self._propagate(cuts, self.level(cuts.instances), problem.buffers.twisting_table())
         base = self._base(cuts.instances)[0][cuts.owner]
         frames, ends = (base @ self._matrices(states) for states in (cuts.states, found.end))
         unit = self._stiffness[cuts.instances] / self._scale[cuts.instances, None]
@@ -353,9 +353,8 @@ class BackboneSegments(Segments):
         return form
 
     def level(self, instances: IntArray) -> FloatArray:
-        """Load factor at which results are looked at, shape (count,): of rods among others what these say."""
-        among = self.problem.held and not self.given_at_base
-        return self.problem.buffer("load_factor")[instances] if among else np.ones(len(instances))
+        """Load factor at which results are looked at, shape (count,)."""
+        return np.asarray(self.problem.buffer("load_factor")[instances])
 
     def _cut_for_modes(self, points: dict[int, Breakpoints]) -> tuple[Cuts, BoolArray]:
         """Segments of these instances so short that none holds a conjugate point, (7) of ``docs/stability.md``, and which have so
