@@ -12,11 +12,12 @@ from multirod import plausibility
 from multirod.batch import IntArray, broadcast_shapes
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec
+from multirod.naming import unknown_names
 from multirod.problem import BoundaryProblem
 from multirod.read_only import ReadOnly
 from multirod.rod import Rod
 from multirod.rotations import is_rotation, not_turned
-from multirod.validation import Described, FloatArray, array, refuse, unknown_names
+from multirod.validation import Described, FloatArray, array, refuse
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar

@@ -11,10 +11,11 @@ from weakref import ref
 import numpy as np
 
 from multirod.batch import IntArray, along, broadcast_shapes, take
+from multirod.naming import unknown_names
 from multirod.profile import Profile, fit
 from multirod.read_only import ReadOnly
 from multirod.types import Index
-from multirod.validation import FloatArray, array, refuse, unknown_names
+from multirod.validation import FloatArray, array, refuse
 
 if TYPE_CHECKING:
     from multirod.assembly import Assembly

@@ -2,34 +2,22 @@
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
-from difflib import get_close_matches
-from functools import wraps
-from inspect import signature
+from collections.abc import Iterable, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import Any, NoReturn, ParamSpec, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.naming import meant
+
 FloatArray = NDArray[np.float64]
-P = ParamSpec("P")
-R = TypeVar("R")
 Kind = TypeVar("Kind", bound=np.generic)
 
 LARGEST_INT = 2**31 - 1  # counts are kept in 32 bits
 LARGEST = 1e50  # in SI units: products of several such numbers are still floats, and no robot is larger
 SMALLEST = 1 / LARGEST
-_OTHER_NAMES = {
-    **dict.fromkeys(("force", "load", "wrench", "tip_load", "tip_wrench"), "tip_force"),
-    **dict.fromkeys(("moment", "torque", "tip_torque"), "tip_moment"),
-    **dict.fromkeys(("angle", "angles", "theta", "alpha", "base_angle"), "rotation"),
-    **dict.fromkeys(("insertion", "feed", "beta", "shift"), "translation"),
-    **dict.fromkeys(("g", "acceleration", "weight"), "gravity"),
-    **dict.fromkeys(("tensions", "tendon_force", "tendon_tension", "pull"), "tension"),
-    **dict.fromkeys(("field", "b", "magnetic"), "magnetic_field"),
-}  # what names of inputs are called elsewhere
 LONGEST = 500  # characters of a value that an error shows
 SMALLEST_AXIS = 1e-100  # whose square still is a number
 ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
@@ -337,53 +325,3 @@ def file_path(field: str, value: object, *endings: str) -> Path:
     if not usable:
         refuse(field, str(path), "must be a file in a folder that exists")
     return path
-
-
-def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> None:
-    """Refuse, by a ``TypeError``, names that are not in ``allowed``."""
-    options = tuple(allowed)
-    for name in given:
-        if name not in options:
-            raise TypeError(f"{owner} takes no {name!r}: it takes " + ", ".join(options) + meant(name, options))
-
-
-def names_checked(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function, which says of a name that it does not take which was probably meant."""
-    names = [name for name in signature(function).parameters if name != "self"]
-
-    @wraps(function)
-    def checked(*args: P.args, **options: P.kwargs) -> R:
-        unknown_names(f"{function.__name__}()", options, names)
-        return function(*args, **options)
-
-    return checked
-
-
-def hinted(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """The same function, whose ``TypeError`` about arguments that it does not take ends in a hint."""
-
-    def made(function: Callable[P, R]) -> Callable[P, R]:
-        taken = signature(function)
-
-        @wraps(function)
-        def checked(*args: P.args, **options: P.kwargs) -> R:
-            try:
-                return function(*args, **options)
-            except TypeError as error:
-                try:
-                    taken.bind(*args, **options)
-                except TypeError:
-                    raise TypeError(f"{error}: {hint}") from None
-                raise
-
-        return checked
-
-    return made
-
-
-def meant(name: str, options: Iterable[str]) -> str:
-    """The option that was probably meant by a name that is none, as the end of a message."""
-    options = tuple(options)
-    close = [option for option in options if option == _OTHER_NAMES.get(name.lower())]
-    close = close or get_close_matches(name, options, 1) or [o for o in options if name.lower() == o.lower()]
-    return f"; did you mean {close[0]!r}?" if close else ""

@@ -135,8 +135,22 @@ GROUPS: dict[str, list[Mistake]] = {
             "the modulus under another name",
             "mr.Rod.wire(length=0.4, diameter=1e-3, E=200e9)",
             TypeError,
-            "'E'",
+            "did you mean 'young_modulus'",
             "young_modulus=",
+        ),
+        Mistake(
+            "magnetisation in American English",
+            "wire(magnetization=(0, 0, 1e5))",
+            TypeError,
+            "did you mean 'magnetisation'",
+            "magnetisation=",
+        ),
+        Mistake(
+            "stiffnesses by their symbols",
+            "mr.Section(length=0.4, EI=0.2, GJ=0.1)",
+            TypeError,
+            "did you mean 'bending_stiffness'?; did you mean 'torsional_stiffness'?",
+            "bending_stiffness=, torsional_stiffness=",
         ),
         Mistake(
             "moduli given to Rod",
@@ -260,6 +274,20 @@ GROUPS: dict[str, list[Mistake]] = {
             WARNING,
             "if it is in mm, give 0.02",
             "metres",
+        ),
+        Mistake(
+            "how many discs there are",
+            "wire(lines=[mr.Tendon((0.01, 0))], discs=12)",
+            WARNING,
+            "if it is how many there are, their spacing, 0.0333333",
+            "their spacing [m]",
+        ),
+        Mistake(
+            "the angle of a route in degrees",
+            "wire(lines=[mr.Tendon(route=lambda s: (0.01 * np.cos(900 * s), 0.01 * np.sin(900 * s)))])",
+            WARNING,
+            "if its angle is in degrees, np.radians makes it 1",
+            "np.radians(900 * s)",
         ),
         Mistake("offset of a tendon in mm", "wire(lines=[mr.Tendon((10, 0))])", WARNING, "if it is in mm, give 0.01", "metres"),
         Mistake("offset of a tendon as two numbers", "mr.Tendon(0.01, 0)", TypeError, "one pair", "a pair, (0.01, 0)"),
@@ -399,6 +427,14 @@ GROUPS: dict[str, list[Mistake]] = {
         Mistake(
             "a kind of joint misspelt", "legs(joints='sperical')", ValueError, "did you mean 'spherical'", "one of those listed"
         ),
+        Mistake(
+            "the joint at the tip of a leg forgotten",
+            "mr.Network(rods=dict.fromkeys('abc', wire()), bodies=[plate := mr.Body('plate')], joints="
+            "[mr.Joint(k, 'base', to=mr.ground) for k in 'abc'] + [mr.Joint(k, 'tip', to=plate) for k in 'ab'])",
+            WARNING,
+            "if it is a leg too, Joint('c', 'tip', to=...) is missing",
+            "a joint for each tip",
+        ),
     ],
     "Inputs": [
         Mistake(
@@ -528,6 +564,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "if it is in degrees, give 0.261799",
             "radians",
         ),
+        Mistake(
+            "a base turned that turns back",
+            "mr.HeldRod(rod(), base_joint='spherical').inputs(rotation=0.5)",
+            WARNING,
+            "rotation = 0.5 rad does nothing",
+            "another base_joint, or end_rotation",
+        ),
     ],
     "Solving": [
         Mistake(
@@ -650,6 +693,13 @@ GROUPS: dict[str, list[Mistake]] = {
         ),
     ],
     "Steering and estimating": [
+        Mistake(
+            "a parameter by its symbol",
+            "mr.calibrate(robot, parameters=('EI',), measured=mr.Pose(position=(0, 0, 0.4), sigma=1e-3))",
+            TypeError,
+            "did you mean 'bending_stiffness'",
+            "one of those listed",
+        ),
         Mistake(
             "a target in mm",
             "mr.reach(robot, mr.Pose(position=(50, 0, 280)), free='tip_force')",

@@ -14,7 +14,8 @@ import warp as wp
 import multirod as mr
 from multirod.batch import thread_count
 from multirod.cli import main
-from multirod.kernels.compiling import COMPILER, cache
+from multirod.kernels import compiling
+from multirod.kernels.compiling import COMPILER, Compiler, cache
 from multirod.kernels.own_module import own_module
 from multirod.launch import LONGEST, Direct, Pending, expect, record
 from multirod.models.assemblies import single_rod
@@ -51,6 +52,37 @@ def make_kernel(value: float | None = None):
 
 
 # ---- what is printed ----
+
+
+def test_later_calls_say_so_where_they_take_long(monkeypatch, capsys) -> None:
+    """One line for what is compiled together; nothing of what is soon done."""
+    own, gate = Compiler(), threading.Event()
+    monkeypatch.setattr(compiling, "_load", lambda module, device: gate.wait(60))
+    monkeypatch.setattr(compiling, "APART", -1.0)
+
+    def said(patience: float) -> str:
+        monkeypatch.setattr(compiling, "PATIENCE", patience)
+        asked = [own.request(make_kernel()[0].module, wp.get_device("cpu")) for _ in range(2)]
+        if patience:
+            gate.set()
+        else:
+            threading.Timer(0.3, gate.set).start()
+        for future in asked:
+            own.wait(future)
+        gate.clear()
+        return capsys.readouterr().err
+
+    assert re.fullmatch(LINE, said(60.0))
+    assert said(60.0) == ""
+    assert said(0.0) == "multirod: compiling more kernels (some seconds each, once)\n"
+    assert said(60.0) == ""
+
+
+def test_a_cache_that_cannot_be_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = program(SCENE + "mr.solve(robot, inputs)", tmp_path / "file" / "cache")
+    last = done.stderr.splitlines()[-1]
+    assert re.fullmatch(r".*CompileError: kernels cannot be kept: .*cache.*; WARP_CACHE_PATH names another folder", last)
 
 
 def test_the_first_call_says_so_in_one_line_and_later_ones_nothing(tmp_path: Path) -> None:

@@ -130,6 +130,7 @@ GIVEN = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:rotation = .* does nothing")  # which is tested of all
 @pytest.mark.parametrize("name", HELD)
 def test_derivatives_and_forms(name):
     """``check_assembly`` holds Gamma, columns and poses against differences; the second variation is symmetric by itself."""
@@ -142,6 +143,7 @@ def test_derivatives_and_forms(name):
     assert solution._modes.uncertainty.max() < 1e-6
 
 
+@pytest.mark.filterwarnings("ignore:rotation = .* does nothing")  # which is tested of all
 @pytest.mark.parametrize("name", HELD)
 def test_what_joints_and_slides_leave_free_carries_nothing(name):
     held = HELD[name]
@@ -278,6 +280,7 @@ def test_what_is_refused(wire):
 BY_STEPS = {"rotation": 3e-3, "end_position": 1e-3, "end_rotation": 3e-3, "tip_force": 3e-2, "gravity": 3e-2}
 
 
+@pytest.mark.filterwarnings("ignore:rotation = .* does nothing")  # which is tested of all
 @pytest.mark.parametrize("name", HELD)
 def test_columns_along_the_rod(name):
     """(D20) Against differences of sixth order of the shape's middle; at the end those of the tip's pose."""

@@ -118,6 +118,7 @@ def test_a_chain_is_one_rod(count):
     np.testing.assert_allclose(found.rod(0).moment[0], expected.rod(0).moment[0], atol=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:rotation = .* does nothing")  # which is tested of all
 def test_a_rod_between_grounds_is_a_held_rod():
     rod = mr.Rod(
         length=0.4, bending_stiffness=(0.2233, 0.3), torsional_stiffness=0.0638, precurvature=(1.0, 0.3, 0.5), linear_density=0.02

@@ -14,9 +14,10 @@ from multirod.models.assemblies.inputs import ConcentricTubesInput, ConcentricTu
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.checks import surely_driven
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, TUBE_INPUTS, drive_specs
+from multirod.naming import hinted
 from multirod.rod import Rod
 from multirod.types import Numbers
-from multirod.validation import FloatArray, hinted, refuse, sequence
+from multirod.validation import FloatArray, refuse, sequence
 
 SAME_PLACE = 1e-12  # [m]: bases this close are at the same place
 

@@ -13,9 +13,10 @@ from multirod.models.assemblies.inputs import EccentricTubesInput, EccentricTube
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.derivatives.designs import BY_LOAD
 from multirod.models.backbone.inputs import BY_MATERIAL, TUBE_INPUTS
+from multirod.naming import hinted
 from multirod.rod import Rod, RodArrays, lower
 from multirod.types import Numbers
-from multirod.validation import FloatArray, array, hinted, refuse, sequence
+from multirod.validation import FloatArray, array, refuse, sequence
 
 MOST_TUBES = 6
 INPUTS = tuple(spec for spec in TUBE_INPUTS if spec.name not in BY_MATERIAL)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, Unpack
 
 import numpy as np
 
+from multirod import plausibility
 from multirod.assembly import Assembly, pose
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec, InputSpecs
@@ -135,7 +136,17 @@ class HeldRod(Assembly):
             TypeError: If a name is not one of these, or no rod has such lines.
             ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
         """
-        return super().inputs(**HeldRodInputs(**values))
+        result = super().inputs(**HeldRodInputs(**values))
+        if self._turns_back:
+            plausibility.of_idle_rotation(result.rotation, self.base_joint)
+        return result
+
+    @property
+    def _turns_back(self) -> bool:
+        """Whether the base turns back by whatever ``rotation`` turns it; between two balls that says where the rod bends to."""
+        if self.base_joint == "spherical":
+            return self.joint != "spherical"
+        return self.base_joint == "revolute" and not self.base_joint_axis[:2].any()
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102

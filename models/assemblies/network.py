@@ -41,15 +41,16 @@ from multirod.models.network.elements.groups import ON_RODS, along, is_on_rods
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of, place_of
-from multirod.models.network.joining.checks import holes_by_rod, joint_called, joints_by_end
+from multirod.models.network.joining.checks import holes_by_rod, joint_called, joints_by_end, warn_of_free_tips
 from multirod.models.network.joining.joints import Joint
 from multirod.models.network.places import FIXED, LOADED, PER_ROD
 from multirod.models.network.problem import NetworkProblem
+from multirod.naming import meant
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.types import Numbers
-from multirod.validation import FloatArray, meant, refuse, sequence
+from multirod.validation import FloatArray, refuse, sequence
 
 
 class Network(Assembly):
@@ -122,6 +123,7 @@ class Network(Assembly):
         self.fixed_bodies = tuple(body.name for body in self.graph.fixed)
         self._places = [*(body.name for body in self.graph.bodies), *rods]  # that may be the end effector
         self._end_effector = self._place_of_effector(end_effector)
+        warn_of_free_tips(self.graph, self._places[self._end_effector])
         self.mass_carried = float(self.graph.mass.sum())
         by_joint = tuple(replace(spec, count=len(own)) for spec in COORDINATE_INPUTS if (own := self.coordinate_names[spec.name]))
         fixed = tuple(replace(spec, count=3 * len(self.fixed_bodies)) for spec in FIXED_INPUTS) if self.fixed_bodies else ()

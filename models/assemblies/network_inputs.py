@@ -16,9 +16,10 @@ from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import place_of
 from multirod.models.network.places import FIXED, FOLLOWING, LOADED
 from multirod.models.platform.inputs import LEG_INPUTS
+from multirod.naming import meant
 from multirod.read_only import changed
 from multirod.rod import Rod
-from multirod.validation import FloatArray, array, meant, refuse
+from multirod.validation import FloatArray, array, refuse
 
 INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
 LOAD_INPUTS = (

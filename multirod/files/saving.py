@@ -16,12 +16,13 @@ from multirod.files.results import table_of_inputs, table_of_result
 from multirod.files.text import toml
 from multirod.files.whole import written
 from multirod.inputs import Inputs
+from multirod.naming import unknown_names
 from multirod.results.history import History
 from multirod.results.solution import Solution
 from multirod.tasks.estimating.calibrate import Calibration
 from multirod.tasks.estimating.estimate import Estimate
 from multirod.types import RecordingOptions
-from multirod.validation import Described, file_path, refuse, unknown_names
+from multirod.validation import Described, file_path, refuse
 
 VERSION = 1  # of the tables: what is read may be of this one or of those before
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg")

@@ -1,15 +1,18 @@
 """Kernels compiled in the background, several at a time, and what is said of it; Warp's own log is silent by default."""
 
+import math
 import multiprocessing
 import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import wait as wait_for
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 from threading import Lock, get_ident
+from time import monotonic
 from typing import Any
 
 import warp as wp
@@ -18,6 +21,8 @@ from multirod.batch import thread_count
 from multirod.kernels.own_module import own_module
 
 MOST_WORKERS = 8  # a compiler takes some 300 MB
+PATIENCE = 2.0  # s of compiling, beyond which a later call says so too
+APART = 5.0  # s without, after which it is a later call
 LOG = "MULTIROD_WARP_LOG"
 _LEVELS = {"debug": wp.LOG_DEBUG, "info": wp.LOG_INFO, "warning": wp.LOG_WARNING, "error": wp.LOG_ERROR}
 # Warp's, of the compiler
@@ -41,6 +46,7 @@ class Compiler:
         self.forget()
         self._listeners: list[Callable[[int], None]] = []
         self._announced = False
+        self._began, self._ended = math.inf, -math.inf  # of what has not been told of, and the last of all [s]
         self.kernels: set[str] = set()
         self.compiled = 0
 
@@ -90,6 +96,10 @@ class Compiler:
             CompileError: If it could not be compiled.
         """
         try:
+            if (began := self._began) < math.inf:
+                wait_for([future], max(began + PATIENCE - monotonic(), 0.0))
+                if not future.done():
+                    self._announce_more()
             future.result()
         except KeyboardInterrupt:
             # what has not begun would keep the interpreter from ending
@@ -109,16 +119,32 @@ class Compiler:
             self._listeners.remove(listener)
 
     def _tell(self, future: "Future[None]") -> None:
+        self._ended = monotonic()
         for listener in tuple(self._listeners):
             listener(1)
 
     def _announce(self) -> None:
-        """Say, once a process, why the first call takes long; a pool's processes leave it to the one that has them."""
-        if self._announced or sys.stderr is None or multiprocessing.parent_process() is not None:
+        """Say why the first call takes long; a later one is waited for before anything is said."""
+        if not self._announced:
+            self._announced = True
+            _say(f"compiling kernels for this scene (several, some seconds each, once; kept in {cache()})")
             return
-        self._announced = True
-        said = "several, some seconds each, once; kept in"
-        print(f"multirod: compiling kernels for this scene ({said} {cache()})", file=sys.stderr, flush=True)
+        compiling = any(future is not None and not future.done() for future in self._known.values())
+        if not compiling and monotonic() - self._ended > APART:
+            self._began = monotonic()
+
+    def _announce_more(self) -> None:
+        """The same of a later one, once."""
+        with self._lock:
+            told, self._began = self._began == math.inf, math.inf
+        if not told:
+            _say("compiling more kernels (some seconds each, once)")
+
+
+def _say(what: str) -> None:
+    """On the error stream; a pool's processes leave it to the one that has them."""
+    if sys.stderr is not None and multiprocessing.parent_process() is None:
+        print(f"multirod: {what}", file=sys.stderr, flush=True)
 
 
 def cache() -> str:
@@ -251,11 +277,16 @@ def start_warp() -> None:
     with _starting:
         if _started:
             return
-        if wp.config.log_level < wp.LOG_WARNING:
-            wp.init()
-        else:
-            with _without_driver_note():
+        try:
+            if wp.config.log_level < wp.LOG_WARNING:
                 wp.init()
+            else:
+                with _without_driver_note():
+                    wp.init()
+        except OSError as error:
+            if error.filename is None:  # of no file
+                raise
+            raise CompileError(f"kernels cannot be kept: {error}; WARP_CACHE_PATH names another folder") from error
         _keep_headers()
         _started = True
 

@@ -5,6 +5,8 @@ from multirod.plausibility.limits import STRAIN
 from multirod.plausibility.robots import (
     of_body,
     of_dt,
+    of_free_tip,
+    of_idle_rotation,
     of_legs,
     of_limits,
     of_measured_curvature,
@@ -24,6 +26,8 @@ __all__ = [
     "of_bases",
     "of_body",
     "of_dt",
+    "of_free_tip",
+    "of_idle_rotation",
     "of_inputs",
     "of_legs",
     "of_limits",

@@ -71,6 +71,22 @@ def of_body(name: str, mass: float) -> None:
         say(f"Body.mass = {mass:.6g} kg of {name!r} is heavy for slender rods; if it is in g, give {1e-3 * mass:.6g}")
 
 
+def of_free_tip(name: str, others: "list[str]", body: str) -> None:
+    """Warn of a rod whose tip is free, where those that are like it and stand beside it all end on one body."""
+    like = ", ".join(map(repr, others))
+    say(
+        f"Network.joints: the tip of rod {name!r} is free, and {like} beside it, which are like it, end on {body!r}; if it is a "
+        f"leg too, Joint({name!r}, 'tip', to=...) is missing"
+    )
+
+
+def of_idle_rotation(rotation: FloatArray, joint: str) -> None:
+    """Warn of a base that is turned in a joint which lets it turn back."""
+    most = largest(rotation)
+    if most:
+        say(f"rotation = {most:.6g} rad does nothing: the base turns back in its joint, HeldRod.base_joint = {joint!r}")
+
+
 def of_offsets(offsets: FloatArray, rods: "tuple[Rod, ...]") -> None:
     """Warn of tubes that are far from the line that they run along."""
     aside, length = largest(offsets), max(float(np.max(rod.length)) for rod in rods)

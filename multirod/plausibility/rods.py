@@ -8,6 +8,7 @@ import numpy as np
 
 from multirod.plausibility.limits import (
     ASIDE,
+    COILED,
     DENSITY,
     HARDLY,
     LENGTH,
@@ -30,6 +31,7 @@ from multirod.profile import Profile
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
+    from multirod.models.backbone.members.lines import Line
     from multirod.rod import Rod
 
 
@@ -236,7 +238,10 @@ def of_tube_magnetisation(magnetisation: FloatArray) -> None:
 
 def _of_lines(rod: "Rod", length: float) -> None:
     if rod.discs is not None and rod.discs >= length:
-        found = f"; if it is in mm, give {1e-3 * rod.discs:.6g}" if 1e-3 * rod.discs < length else ""
+        likely = [f"if it is in mm, give {1e-3 * rod.discs:.6g}"] if 1e-3 * rod.discs < length else []
+        if rod.discs > 1 and rod.discs == round(rod.discs):
+            likely.append(f"if it is how many there are, their spacing, {length / rod.discs:.6g}")
+        found = "; " + ", ".join(likely) if likely else ""
         say(f"Rod.discs = {rod.discs:.6g} m is a spacing beyond the rod's length, {length:.6g} m{found}")
     for line in rod.lines:
         field = type(line).__name__.removeprefix("Rubbing").removeprefix("Displaced").removeprefix("Section")
@@ -246,6 +251,10 @@ def _of_lines(rod: "Rod", length: float) -> None:
         if aside > ASIDE * length:
             found = f"; if it is in mm, give {1e-3 * aside:.6g}" if 1e-3 * aside < ASIDE * length else ""
             say(f"{field}.offset = {aside:.6g} m is beside a rod of {length:.6g} m, further than half its length{found}")
+        turns = _turns(line)
+        if turns > COILED:
+            found = f"if its angle is in degrees, np.radians makes it {math.radians(turns):.3g}"
+            say(f"{field}.route winds around the rod {turns:.3g} times; {found}")
         area = getattr(line, "area", None)
         if area is not None and math.sqrt(float(np.max(area))) > length:
             found = f"; if it is in mm^2, give {1e-6 * float(np.max(area)):.6g}"
@@ -258,3 +267,13 @@ def _of_lines(rod: "Rod", length: float) -> None:
                 say(f"{field}.rest_length = {rest:.6g} m: in the rod at rest the line is {natural:.6g} m long{found}")
         if rubs > RUBBING:
             say(f"{field}.friction = {rubs:.6g} is a coefficient, seldom above 0.5; if it is in percent, give {rubs / 100:.6g}")
+
+
+def _turns(line: "Line") -> float:
+    """How often a route winds around the centreline of its rod."""
+    if line._resolved is None:
+        return 0.0
+    powers = np.linspace(-1, 1, 9)[:, None] ** np.arange(line._resolved.coefficients.shape[1])
+    x, y = (powers @ line._resolved.coefficients).reshape(-1, 2).T
+    away = np.hypot(x, y) > 0
+    return float(np.ptp(np.unwrap(np.arctan2(y, x)[away]))) / (2 * math.pi) if away.any() else 0.0

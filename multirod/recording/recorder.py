@@ -14,6 +14,7 @@ import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.exclusive import Uncopied
+from multirod.naming import names_checked
 from multirod.recording.background import Sample, WritingThread
 from multirod.recording.coloring import Coloring
 from multirod.recording.process import Unfit, WritingProcess
@@ -24,7 +25,7 @@ from multirod.recording.writer import Writer
 from multirod.results.history import History
 from multirod.results.solution import Solution
 from multirod.types import Numbers
-from multirod.validation import choice, file_path, finite_float, names_checked, positive_float, positive_int, refuse
+from multirod.validation import choice, file_path, finite_float, positive_float, positive_int, refuse
 
 ENDING = ".rrd"
 LONGEST = 9e9  # seconds: nanoseconds are counted in 64 bits

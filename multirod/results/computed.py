@@ -15,6 +15,7 @@ from multirod import plausibility
 from multirod.assembly import Robot_co
 from multirod.batch import parts, run
 from multirod.capabilities import Lines
+from multirod.naming import meant
 from multirod.problem import BoundaryProblem, LineShape, Shape
 from multirod.results.found import Found
 from multirod.results.scene import stand_in
@@ -25,7 +26,7 @@ from multirod.stability import Modes, Stabilities, Stability, modes_of
 from multirod.types import (
     StabilityOrArray,
 )
-from multirod.validation import FloatArray, frozen, index_of, meant, positive_int, refuse
+from multirod.validation import FloatArray, frozen, index_of, positive_int, refuse
 
 if TYPE_CHECKING:
     from multirod.models.backbone.members.lines import Line

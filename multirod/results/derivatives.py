@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import solved_each
+from multirod.naming import meant
 from multirod.problem import BoundaryProblem
 from multirod.results.segment_system import pose_jacobian
 from multirod.rotations import cross_matrix
 from multirod.types import Numbers
-from multirod.validation import FloatArray, array, choice, frozen, meant, refuse, shown
+from multirod.validation import FloatArray, array, choice, frozen, refuse, shown
 
 if TYPE_CHECKING:
     from multirod.assembly import Assembly

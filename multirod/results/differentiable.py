@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
+from multirod.naming import meant
 from multirod.profile import Profile
 from multirod.read_only import changed
 from multirod.results.solution import Solution
@@ -19,7 +20,7 @@ from multirod.rotations import cross_matrix
 from multirod.solver import Solver
 from multirod.status import Status
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, choice, meant, refuse, shown
+from multirod.validation import Described, FloatArray, choice, refuse, shown
 
 OUTPUTS: dict[str, tuple[int, ...]] = {"tip_position": (3,), "tip_pose": (4, 4)}
 PARAMETERS = {

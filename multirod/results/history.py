@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Robot_co
 from multirod.inputs import Inputs
+from multirod.naming import names_checked
 from multirod.results.events import timed_events
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.solver import Outcome
 from multirod.status import failures
 from multirod.types import AxesGiven, AxesOrArray, HistoryOptions, Numbers, QuantityOverTime, ShowOptions
-from multirod.validation import FloatArray, array, frozen, names_checked, refuse, sequence
+from multirod.validation import FloatArray, array, frozen, refuse, sequence
 
 
 class History(Solution[Robot_co]):

@@ -10,6 +10,7 @@ import numpy as np
 
 from multirod.assembly import Robot_co
 from multirod.batch import Instances, along
+from multirod.naming import names_checked
 from multirod.results import derivatives
 from multirod.results.jointed import Jointed
 from multirod.results.remarks import Remarks
@@ -25,7 +26,7 @@ from multirod.types import (
     Quantity,
     SaveOptions,
 )
-from multirod.validation import FloatArray, names_checked
+from multirod.validation import FloatArray
 
 _OTHER_NAMES = {
     **dict.fromkeys(("tip", "pose", "tip_pose", "end_effector"), "tip_position and tip_rotation"),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod import plausibility
+from multirod.naming import hinted
 from multirod.read_only import ReadOnly
 from multirod.rod.cross_section import diameters, shear_modulus_of, stretching, within
 from multirod.rod.section import Section, by_section
@@ -19,7 +20,6 @@ from multirod.validation import (
     array,
     boolean,
     frozen,
-    hinted,
     nonnegative_float,
     positive_array,
     positive_float,

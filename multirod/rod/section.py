@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from multirod import profile
+from multirod.naming import hinted
 from multirod.types import AlongRod, Numbers
 from multirod.validation import (
     Described,
@@ -161,6 +162,11 @@ class Section:
         except ValueError:
             named = ", ".join(f"{name} {shape}" for name, shape in shapes.items() if shape)
             raise ValueError(f"the batch axes of a section's parameters do not broadcast: {named}") from None
+
+
+if not TYPE_CHECKING:  # which knows what it is given
+    _named = hinted("all is named, Section(length=, bending_stiffness=, torsional_stiffness=, precurvature=)")
+    Section.__init__ = _named(Section.__init__)
 
 
 def by_section(properties: dict[str, Any]) -> tuple[Section, ...]:

@@ -13,13 +13,14 @@ from multirod.assembly import Assembly
 from multirod.batch import SHORTEST_PART, IntArray
 from multirod.inputs import Inputs
 from multirod.kernels.compiling import COMPILER
+from multirod.naming import unknown_names
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.running.progress import Watch
 from multirod.running.simulation import as_solver, simulate, solve
 from multirod.solver import Outcome, Solver
 from multirod.status import Status
-from multirod.validation import boolean, device_name, some_names, unknown_names
+from multirod.validation import boolean, device_name, some_names
 
 SAMPLES = 3  # of a motion: the first is a cold start, the next follow it
 STEP = 0.005  # between them [s]

@@ -15,6 +15,7 @@ from multirod import plausibility
 from multirod.assembly import Assembly, Robot
 from multirod.batch import IntArray, broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
+from multirod.naming import hinted
 from multirod.problem import BoundaryProblem
 from multirod.results.events import Events, placed_events
 from multirod.results.history import History
@@ -27,7 +28,7 @@ from multirod.solver import Left, Outcome, Solver, Tested
 from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, device_name, hinted, integers, refuse
+from multirod.validation import Described, FloatArray, array, device_name, integers, refuse
 
 _DEFAULT = Shooting()
 _BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once

@@ -14,6 +14,7 @@ from multirod.assembly import Assembly, Robot_co
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.models.assemblies.inputs import KnownInputs
+from multirod.naming import unknown_names
 from multirod.results.derivatives import Columns, known_names, twins_of
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
@@ -21,7 +22,7 @@ from multirod.running.plain import PlainInputs
 from multirod.running.simulation import Runner, as_solver
 from multirod.solver import Solver
 from multirod.types import Numbers, P, Takes
-from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, some_names, unknown_names
+from multirod.validation import Described, FloatArray, device_name, positive_float, refuse, some_names
 
 
 def _broadcasts(shape: tuple[int, ...], target: tuple[int, ...]) -> bool:

@@ -13,8 +13,9 @@ from multirod.assembly import Assembly
 from multirod.batch import Instances, IntArray, solved_each
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
+from multirod.naming import unknown_names
 from multirod.problem import BoundaryProblem
-from multirod.validation import FloatArray, refuse, unknown_names
+from multirod.validation import FloatArray, refuse
 
 PosedAt: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # position, rotation, columns by x and by p
 

@@ -14,9 +14,10 @@ from multirod import plausibility
 from multirod.assembly import Assembly
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.parallel_rods import ParallelRods
+from multirod.naming import unknown_names
 from multirod.results.remarks import Remarks
 from multirod.tasks.formulation import input_units, options
-from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, shown, unknown_names
+from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, shown
 
 SHORTEST = 1e-3  # of its length, what of a rod stays in use
 ROUNDING = 1e-14  # in units (9)

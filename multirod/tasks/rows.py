@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.batch import Instances, IntArray, broadcast_shapes, take
+from multirod.naming import hinted
 from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, is_rotation, not_turned, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
-from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, hinted, positive_float, refuse
+from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, positive_float, refuse
 
 PARTS = ("position", "rotation", "axis", "across")  # of a pose
 Kind = tuple[int, int, int]  # whether there is a position (2: across a direction), a rotation, an axis

@@ -10,8 +10,9 @@ from multirod import profile
 from multirod.models.backbone.kernels.members.lines import section_chamber_law, tendon_law
 from multirod.models.backbone.members.lines import DrivenByLength, Line, Where
 from multirod.models.backbone.members.member import Member
+from multirod.naming import hinted
 from multirod.types import Numbers
-from multirod.validation import FloatArray, array, choice, hinted, positive_array, refuse
+from multirod.validation import FloatArray, array, choice, positive_array, refuse
 
 if TYPE_CHECKING:
     from multirod.rod import Section

@@ -6,9 +6,10 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.assembly import pose as checked_pose
+from multirod.naming import meant
 from multirod.read_only import ReadOnly
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, frozen, meant, nonnegative_float, refuse
+from multirod.validation import Described, FloatArray, array, frozen, nonnegative_float, refuse
 
 
 class Ground:

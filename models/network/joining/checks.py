@@ -4,13 +4,15 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from multirod.models.network.graph import ENDS
+from multirod import plausibility
+from multirod.models.network.graph import ENDS, Graph
 from multirod.models.network.joining.bodies import Body
 from multirod.models.network.joining.joints import ALONG as ALONG_ROD
 from multirod.models.network.joining.joints import SLIDING, Joint
 from multirod.models.network.joining.sliding import uniform
+from multirod.naming import meant
 from multirod.rod import Rod
-from multirod.validation import Described, meant, refuse
+from multirod.validation import Described, refuse
 
 
 def joints_by_end(joints: Sequence[Joint], rods: Mapping[str, object], bodies: Sequence[Body]) -> dict[tuple[str, str], Joint]:
@@ -76,3 +78,23 @@ def joint_called(joints: Iterable[Joint], joint: Joint | str, *, slides: bool) -
         hint = meant(joint, moving) if isinstance(joint, str) and not other else ""
         refuse("joint", joint, f"must be {known}{other}{hole}{hint}")
     return moving[str(name)]
+
+
+def warn_of_free_tips(graph: Graph, effector: str) -> None:
+    """Say so where a rod's tip is free, and is no end effector, while rods alike on the same body all end on one."""
+    joints, rods = graph.joints, dict(zip(graph.whole_names, graph.whole, strict=True))
+    for name, own in rods.items():
+        if (name, "tip") in joints or name == effector or name in graph.holes:
+            continue
+        beside = [other for other in rods if (other, "tip") in joints and joints[other, "base"].to is joints[name, "base"].to]
+        like = [other for other in beside if _alike(own.rods, rods[other].rods)]
+        ends = {joints[other, "tip"].to for other in like}
+        if len(like) > 1 and len(ends) == 1:
+            plausibility.of_free_tip(name, like, ends.pop().name)
+
+
+def _alike(rods: Sequence[Rod], others: Sequence[Rod]) -> bool:
+    first, second = ([part for rod in own for part in rod.sections] for own in (rods, others))
+    names = ("length", "bending_stiffness")
+    pairs = ((getattr(a, name), getattr(b, name)) for a, b in zip(first, second, strict=False) for name in names)
+    return len(first) == len(second) and all(np.array_equal(*pair) for pair in pairs)

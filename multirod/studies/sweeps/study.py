@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.naming import unknown_names
 from multirod.status import Status
 from multirod.studies.sweeps.chunk import FURTHER
 from multirod.studies.sweeps.folder import Broken, Folder
 from multirod.studies.sweeps.table import Arrays, Tails, blank, column_names, from_table, tails_in
-from multirod.validation import path_of, shown, unknown_names
+from multirod.validation import path_of, shown
 
 
 class Study:

@@ -13,6 +13,7 @@ from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
 from multirod.launch import expect
+from multirod.naming import unknown_names
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.running.plain import PlainInputs
@@ -32,18 +33,7 @@ from multirod.tasks.rows import PARTS, Kind, Pose
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.types import Numbers
-from multirod.validation import (
-    SMALLEST_AXIS,
-    Described,
-    FloatArray,
-    array,
-    device_name,
-    frozen,
-    instance,
-    positive_float,
-    refuse,
-    unknown_names,
-)
+from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse
 
 LAG = 5.0  # samples, of the correction by default
 OWN = *PARTS, "measured_position", "measured_rotation"  # of a sample, beside inputs

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.inputs import Inputs
+from multirod.naming import meant
 from multirod.results.solution import Solution, SolveError
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Solver
@@ -22,7 +23,7 @@ from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, device_name, frozen, instance, meant, positive_int, refuse, shown
+from multirod.validation import Described, FloatArray, device_name, frozen, instance, positive_int, refuse, shown
 
 HARDLY_SEEN = 1.0  # deviation, of factors over what was, of precurvatures in 1/m: a step there is a leap
 

@@ -1,0 +1,89 @@
+"""Names that are given: those that nothing has are refused, with the one that was probably meant."""
+
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
+from functools import wraps
+from inspect import signature
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+_OTHER_NAMES: dict[str, tuple[str, ...]] = {
+    other: names
+    for names, others in {
+        ("tip_force",): "force load wrench tip_load tip_wrench",
+        ("tip_moment",): "moment torque tip_torque",
+        ("rotation",): "angle angles theta alpha base_angle",
+        ("translation",): "insertion feed beta shift",
+        ("gravity", "shear_modulus"): "g",
+        ("gravity",): "acceleration weight",
+        ("tension",): "tensions tendon_force tendon_tension pull",
+        ("magnetic_field",): "field b magnetic",
+        ("young_modulus",): "e modulus youngs_modulus elastic_modulus",
+        ("poisson_ratio",): "nu poisson poissons_ratio",
+        ("bending_stiffness",): "ei eix eiy flexural_rigidity",
+        ("torsional_stiffness",): "gj torsional_rigidity",
+        ("axial_stiffness",): "ea",
+        ("shear_stiffness",): "ga",
+        ("precurvature",): "curvature kappa u_star ustar rest_curvature",
+        ("diameter", "outer_diameter"): "d od radius r outer_radius",
+        ("inner_diameter",): "id inner_radius",
+        ("density", "linear_density"): "rho mass",
+        ("length",): "l arclength",
+        ("lines",): "tendons tendon cables chambers",
+        ("magnetisation",): "magnetization magnetic_moment remanence",
+        ("foundation",): "medium tissue",
+    }.items()
+    for other in others.split()
+}  # what names are called elsewhere
+
+
+def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> None:
+    """Refuse, by a ``TypeError``, names that are not in ``allowed``."""
+    options = tuple(allowed)
+    for name in given:
+        if name not in options:
+            raise TypeError(f"{owner} takes no {name!r}: it takes " + ", ".join(options) + meant(name, options))
+
+
+def names_checked(function: Callable[P, R]) -> Callable[P, R]:
+    """The same function, which says of a name that it does not take which was probably meant."""
+    names = [name for name in signature(function).parameters if name != "self"]
+
+    @wraps(function)
+    def checked(*args: P.args, **options: P.kwargs) -> R:
+        unknown_names(f"{function.__name__}()", options, names)
+        return function(*args, **options)
+
+    return checked
+
+
+def hinted(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """The same function, whose ``TypeError`` about arguments that it does not take ends in a hint."""
+
+    def made(function: Callable[P, R]) -> Callable[P, R]:
+        taken = signature(function)
+
+        @wraps(function)
+        def checked(*args: P.args, **options: P.kwargs) -> R:
+            try:
+                return function(*args, **options)
+            except TypeError as error:
+                try:
+                    taken.bind(*args, **options)
+                except TypeError:
+                    others = "".join(meant(name, taken.parameters) for name in options if name not in taken.parameters)
+                    raise TypeError(f"{error}: {hint}{others}") from None
+                raise
+
+        return checked
+
+    return made
+
+
+def meant(name: str, options: Iterable[str]) -> str:
+    """The option that was probably meant by a name that is none, as the end of a message."""
+    options = tuple(options)
+    close = [option for option in options if option in _OTHER_NAMES.get(name.lower(), ())]
+    close = close or get_close_matches(name, options, 1) or [o for o in options if name.lower() == o.lower()]
+    return f"; did you mean {close[0]!r}?" if close else ""
