@@ -321,8 +321,7 @@ class HeldSegments(BackboneSegments):
     def modes(self, points: dict[int, Breakpoints]) -> Modes:  # noqa: D102
         with self._known_by(points):
             modes = self.held.stability.modes()
-        chosen = np.array(list(points))
-        return Modes(*(getattr(modes, name)[chosen] for name in ("values", "hidden", "uncertainty", "known", "diverging")))
+        return Modes(*(getattr(modes, name)[list(points)] for name in ("values", "hidden", "uncertainty", "known", "diverging")))
 
     @property
     def asked(self) -> BoundaryProblem:
