@@ -22,7 +22,9 @@ from multirod.models.assemblies import single_rod
 from multirod.studies.scenes import SCENES, load
 
 LINE = r"multirod: compiling kernels for this scene \(several, some seconds each, once; kept in .*\)\n"
-BUDGET = {"paper": 3, "three-tubes": 6, "three-tubes, loaded": 4, "six-legs": 5}  # distinct kernels: to be lowered, never raised
+# distinct kernels: to be lowered, never raised without a reason. One of tubes bounds how many modes can be unstable: it takes a
+# tenth as long to compile as the rest, and a quarter off each solve
+BUDGET = {"paper": 3, "three-tubes": 7, "three-tubes, loaded": 5, "six-legs": 5}
 
 # not optimised, kernels are compiled in half of the time
 QUICKLY = "import warp; warp.config.optimization_level = 0\n"
