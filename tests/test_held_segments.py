@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from meant import meant
 from scipy.integrate import simpson, solve_bvp
 from scipy.spatial.transform import Rotation
 
@@ -32,6 +33,7 @@ GIVEN = {
 
 
 @pytest.mark.parametrize("name", HELD)
+@meant()  # a base that turns back in its joint is turned for nothing
 def test_matrices_of_segments_are_derivatives_of_their_gaps(name):
     """The Jacobian of all segments and its right-hand sides by inputs, by differences, on the way to the load."""
     robot = mr.HeldRod(BENT, end=PLACE, **HELD[name])
@@ -93,6 +95,7 @@ def test_matrices_of_segments_are_derivatives_of_their_gaps(name):
 
 
 @pytest.mark.parametrize("name", HELD)
+@meant()  # a base that turns back in its joint is turned for nothing
 def test_segments_lead_where_shooting_leads(name, monkeypatch):
     """What one integration bears too: shape, energy, reactions, modes and derivatives, known by segments alone."""
     robot = mr.HeldRod(BENT, end=PLACE, **HELD[name])
