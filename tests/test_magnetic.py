@@ -116,6 +116,27 @@ def test_a_magnet_in_tissue_buckles_in_a_solve_as_in_a_motion(k, part):
     np.testing.assert_allclose(moment[:, 1], exact.sol(shape.arclength)[5], atol=1e-5 * EI / LENGTH)
 
 
+@pytest.mark.parametrize("part", [1.2, 2.0])
+def test_a_field_that_turns_until_it_is_against_a_round_magnet(part):
+    """Where it is exactly so, nothing holds the bent magnet against a turn about its axis; beyond it goes around at once."""
+    robot, strength = mr.SingleRod(wire()), part * np.pi**2 / 4 * EI / (2.0 * LENGTH**2)
+    time = np.linspace(0, 2, 21)
+    field = strength * np.stack([np.sin(np.pi * time), 0 * time, np.cos(np.pi * time)], axis=-1)
+    turned = mr.simulate(robot, robot.inputs(magnetic_field=field), time=time)
+    assert not turned.failed.any()
+    assert turned[10].stability is mr.Stability.FOLD
+    at_once = mr.solve(robot, robot.inputs(magnetic_field=field[10]))
+    assert at_once.status is mr.Status.BIFURCATED
+    np.testing.assert_allclose(turned[10].tip_position, at_once.tip_position, atol=1e-8 * LENGTH)
+    (event,) = (event for sample in turned.events for event in sample)
+    assert event.status is mr.Status.SNAPPED
+    assert turned.status[11] is mr.Status.SNAPPED
+    # mirror images by the plane across the field that was against it
+    np.testing.assert_allclose(
+        turned.tip_position[12:], turned.tip_position[8::-1][: len(turned.time[12:])] * (-1, 1, 1), atol=1e-7
+    )
+
+
 def dipole(solution: mr.Solution, robot: mr.Assembly, nodes: int = 2001) -> np.ndarray:
     """Magnetic moment of all rods in the world [A m^2], by their shapes."""
     total = np.zeros(3)

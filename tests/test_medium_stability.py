@@ -178,10 +178,10 @@ def test_a_column_goes_on_where_it_buckles(k):
     np.testing.assert_allclose(twin.tip_position, beyond.tip_position * (-1, 1, 1), atol=1e-8)
 
 
-@pytest.mark.parametrize("part", [1.01, 1.5])
-def test_a_round_column_goes_on_where_it_buckles(part):
-    """Whichever way it turns, at once: `BRANCH_END` where the medium was raised with the load."""
-    k = 400.0
+@pytest.mark.parametrize(("k", "part"), [(400.0, 1.01), (400.0, 1.5), (1250.0, 3.0)])
+def test_a_round_column_goes_on_where_it_buckles(k, part):
+    """Whichever way it turns, at once: `BRANCH_END` where the medium was raised with the load; `UNSTABLE` by the last, where both
+    modes had just vanished when its branch was seen to end."""
     robot, load = strip(k, bending_stiffness=EI), part * beam_load(k, EI)
     beyond = mr.solve(robot, robot.inputs(tip_force=(0, 0, -load)))
     assert beyond.status is mr.Status.BIFURCATED

@@ -62,8 +62,7 @@ class Journey(Walk):
         if self.level == 1:
             yield from self._fall(point)
             return
-        # what is not quite in balance shows a neutral mode by as much
-        soft = int((point.singular[1:] < NEARLY).sum())
+        soft = _nearly_neutral(point)
         found = yield from self._balanced(point, soft)
         neutral = 0 if found is None else (yield from self._by_symmetry(found))
         # these equations are a little finer than those that its branch ended by
@@ -71,6 +70,8 @@ class Journey(Walk):
             found = yield from self._balanced(point, neutral)
         if found is not None:
             point = found if self._passed(found) else (yield from self._along(found, neutral))
+            if self.potential and point.level == 1 and (yield from self._judge(point)).falls:
+                point = found  # where two modes had just vanished together, by less than can be told
         if not self.potential:
             yield from self._run_damped(point)
             return
@@ -144,15 +145,16 @@ class Journey(Walk):
         return (yield from self._correct(unknowns, level, neutral))[0]
 
     def _end_undecided(self, point: Point) -> Run:
-        """The end of the way, if it is just where the branch is critical, and an equilibrium on which no mode is unstable but by
-        what cannot be told."""
+        """The end of the way, if it is just there that the branch is critical, and no mode of an equilibrium surely falls."""
         if 1 - point.level > LEAST_LEFT:
             self._lose(point)
             return
         there = yield from self._at(point.unknowns, 1.0)
-        if there.size <= self.tolerance and (yield from self._stands(there)):
-            self.status, self.end = self.said, there
-            self.neutral = int((there.singular < NEARLY).sum())
+        neutral = _nearly_neutral(there)
+        if not there.size <= self.tolerance:  # as inputs move it on what is left of the way, but along what vanishes
+            there, _ = yield from self._correct(point.unknowns, 1.0, neutral)
+        if there is not None and (yield from self._stands(there)):
+            self.status, self.end, self.neutral = self.said, there, neutral
 
     def _lose(self, point: Point) -> None:
         """It may be rounding that ends the way at a point: multiple shooting may go on from there."""
@@ -380,6 +382,11 @@ class Journey(Walk):
             return None
         near = np.linalg.norm(found.unknowns - expected) <= AS_A_ROOT * np.linalg.norm(expected - critical.unknowns)
         return found if near else None
+
+
+def _nearly_neutral(point: Point) -> int:
+    """How many modes may be: what is not quite in balance shows one by as much."""
+    return int((point.singular[1:] < NEARLY).sum())
 
 
 def _held(slope: Slope) -> bool:
