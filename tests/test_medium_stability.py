@@ -193,6 +193,22 @@ def test_a_round_column_goes_on_where_it_buckles(k, part):
     assert np.abs(there.reshape(20, 3) - own).max() < 0.1 * np.abs(own).max()
 
 
+@pytest.mark.parametrize("bending", [EI, STIFFNESS[:2]], ids=["round", "strip"])
+def test_what_buckles_by_its_weight_in_a_medium_does_so_in_a_solve_as_in_a_motion(bending):
+    """Loads along the rod are those of the load that is reached, and so is the force at the base: states on the way were judged
+    under the whole load, and the buckled one was `CONVERGED` without an event."""
+    robot = strip(1250.0, bending_stiffness=bending, linear_density=10.0)
+    (load,) = mr.critical_loads(robot, robot.inputs(gravity=(0, 0, -1)))
+    weight = np.array((0, 0, -1.5 * load.load_factor))
+    at_once = mr.solve(robot, robot.inputs(gravity=weight))
+    moved = mr.simulate(robot, robot.inputs(gravity=np.outer(np.linspace(0, 1, 7), weight)), time=np.linspace(0, 1, 7))
+    (event,), (there,) = at_once.events, (event for sample in moved.events for event in sample)
+    assert (event.status, there.status) == (mr.Status.BIFURCATED, mr.Status.BIFURCATED)
+    assert event.load_factor == pytest.approx(1 / 1.5, rel=1e-5)
+    assert there.progress is not None
+    np.testing.assert_allclose(moved[-1].tip_position, at_once.tip_position, atol=1e-8 * LENGTH)
+
+
 @pytest.mark.parametrize("lengths", [20, 40])
 def test_many_decay_lengths_are_solved_in_segments(lengths):
     """Where rounding grows by ``exp(20)`` and more; tip by the beam and its derivatives by differences."""

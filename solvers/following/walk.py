@@ -236,9 +236,9 @@ class Walk:
         return None if slow and np.linalg.norm(found.unknowns - unknowns) > POLISHED * np.linalg.norm(unknowns) else found
 
     def _beyond(self, critical: Point, level: float) -> Run:
-        """The critical unknowns at a level beyond; with clamps, what else changes on the branch changed with it."""
+        """The critical unknowns at a level beyond; where there are constraints, what else changes on the branch with it."""
         point = yield from self._at(critical.unknowns, level)
-        for _ in range(ALONGSIDE if len(point.frames) > 1 else 0):
+        for _ in range(ALONGSIDE if len(point.unknowns) > len(point.among.forces) else 0):
             slope = point.slope
             turn = np.where(slope.values > VANISHING, slope.turn(RADIUS), 0.0)
             point = yield from self._at(point.unknowns + slope.back + slope.change(slope.modes @ turn), level)
