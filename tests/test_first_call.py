@@ -23,7 +23,7 @@ from multirod.studies.scenes import SCENES, load
 
 LINE = r"multirod: compiling kernels for this scene \(several, some seconds each, once; kept in .*\)\n"
 # distinct kernels: to be lowered, never raised without a reason. One of tubes bounds how many modes can be unstable: it takes a
-# tenth as long to compile as the rest, and a quarter off each solve
+# fifteenth as long to compile as the rest, and a quarter off each solve
 BUDGET = {"paper": 3, "three-tubes": 7, "three-tubes, loaded": 5, "six-legs": 5}
 
 # not optimised, kernels are compiled in half of the time
