@@ -27,10 +27,10 @@ class ConcentricTubes(BackboneAssembly):
 
     Tube ``i`` starts at ``translation[i] <= 0`` behind the plate, where it is straightened but twists freely, and ends at
     ``length + translation[i]``, past the plate. Bending is shared; every tube has its own twist. Loads act on the tip of the
-    tube that reaches furthest; of several that end at one place, but for rounding, on the innermost. That need not be the
-    first: a tube may be pulled back into those around it. But an inner tube starts no less far back than those around it, or it
-    could not be held, and where diameters are given it must fit.
-    Lines turn and slide with the tube that carries them (``docs/lines.md``); behind the plate they do not twist it.
+    tube that reaches furthest. That need not be the innermost: a tube may be pulled back into those around it. Of several that
+    end at one place, but for rounding, the innermost is loaded. An inner tube starts no less far back than those around it, or
+    it could not be held, and where diameters are given it must fit. Lines turn and slide with the tube that carries them
+    (``docs/lines.md``); behind the plate they do not twist it.
 
     Args:
         tubes: Innermost first, 1 to 6.

@@ -11,6 +11,7 @@ from multirod.assembly import Assembly
 from multirod.files.optional import optional
 from multirod.files.whole import written
 from multirod.models.assemblies.network import Network
+from multirod.models.network.joining.checks import joints_by_name
 from multirod.recording.figure import drawn_lines, drawn_rods
 from multirod.results.history import History
 from multirod.results.solution import Solution
@@ -172,8 +173,8 @@ def _numbers_of_joints(robot: Assembly, axis: str) -> dict[str, int]:
     """Joints by name, and how many angles or slides each has."""
     if not isinstance(robot, Network):
         return {}
-    counts = ((own, own.count - own.angles if axis == SLID else own.angles) for own in robot.joints if own.end != "along")
-    return {f"{own.rod} {own.end}": count for own, count in counts if count}
+    joints = joints_by_name(robot.joints).items()
+    return {name: count for name, own in joints if (count := own.count - own.angles if axis == SLID else own.angles)}
 
 
 def _along(solution: Solution, axes: tuple[str, ...], nodes: int) -> dict[str, Any]:

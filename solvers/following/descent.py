@@ -86,14 +86,27 @@ class Points:
         return Slopes(self)
 
 
-class Point:
-    """One of several, and all that ``Points`` says, of it alone.
+class Row:
+    """One of several that stand in arrays, and all that is said of all, of it alone: the arrays' own rows.
 
     Args:
         among: All of the same launch.
         row: Which of them it is.
     """
 
+    def __init__(self, among: "Points | Slopes", row: int) -> None:
+        self.among, self.row = among, row
+
+    def __getattr__(self, name: str) -> object:
+        values = getattr(self.among, name)
+        own = self.__dict__[name] = values if values is None else values[self.row]
+        return own
+
+
+class Point(Row):
+    """One of several, and all that ``Points`` says, of it alone."""
+
+    among: "Points"
     unknowns: FloatArray
     level: float
     residual: FloatArray
@@ -107,14 +120,6 @@ class Point:
     settled: FloatArray | None
     size: float
     singular: FloatArray
-
-    def __init__(self, among: Points, row: int) -> None:
-        self.among, self.row = among, row
-
-    def __getattr__(self, name: str) -> object:
-        values = getattr(self.among, name)
-        own = self.__dict__[name] = values if values is None else values[self.row]
-        return own
 
     @cached_property
     def slope(self) -> "Slope":
@@ -202,7 +207,7 @@ class Slopes:
         self.ways, self.back = inverse[:, :, :m], back
         self.facing = np.linalg.slogdet(np.where(fit[:, None, None], both, np.eye(n)))[0]
         self.along = (modes.swapaxes(1, 2) @ gradient[..., None])[..., 0] / points.stiffness[:, None]
-        self.clamps = points.frames.shape[1] - 1
+        self.clamps: int = points.frames.shape[1] - 1
 
     def __getitem__(self, row: int) -> "Slope":
         return Slope(self, row)
@@ -230,14 +235,10 @@ class Slopes:
         return np.asarray(self.back[rows] + (self.ways[rows] @ turn[..., None])[..., 0])
 
 
-class Slope:
-    """That of one of them, and all that ``Slopes`` says, of it alone.
+class Slope(Row):
+    """That of one of them, and all that ``Slopes`` says, of it alone."""
 
-    Args:
-        among: All of the same launch.
-        row: Which of them it is.
-    """
-
+    among: Slopes
     gradient: FloatArray
     values: FloatArray
     modes: FloatArray
@@ -251,12 +252,10 @@ class Slope:
     neutral: int
     drive: float
 
-    def __init__(self, among: Slopes, row: int) -> None:
-        self.among, self.row, self.clamps = among, row, among.clamps
-
-    def __getattr__(self, name: str) -> object:
-        own = self.__dict__[name] = getattr(self.among, name)[self.row]
-        return own
+    @property
+    def clamps(self) -> int:
+        """As ``Slopes`` has them."""
+        return self.among.clamps
 
     def turn(self, radius: float) -> FloatArray:
         """(4) Turn in each mode: down, by that of Newton's step where it is shorter than the radius [rad], shape (m,)."""

@@ -9,8 +9,8 @@ from multirod.kernels.warp_types import Struct
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, unknowns_of
-from multirod.models.backbone.passes.lane_pass import deal, own, threads, width
+from multirod.models.backbone.kernels.layout.layout import breakpoint_state, unknowns_of
+from multirod.models.backbone.passes.lane_pass import deal, layout_of, own, threads, width
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
@@ -53,7 +53,7 @@ class Room:
         if call.node_count == 0:  # else a segment's steps are those of a whole rod
             call.step_limit = min(call.step_limit, STEPS_ALLOWED)
         call.unknown_columns, call.direction_columns = columns, directions if columns else 0
-        memory = deal(call, Layout(features), problem.integrator, "float64", device, capacity, lanes)
+        memory = deal(call, layout_of(features), problem.integrator, "float64", device, capacity, lanes)
         shapes: dict[str, tuple[tuple[int, ...], Any]] = {name: ((capacity,), wp.int32) for name in WHOLE}
         shapes |= {name: ((capacity,), wp.float64) for name in ("start", "end", "energy", "work")}
         size, varied = breakpoint_state(features).size, unknowns_of(features).size

@@ -13,8 +13,8 @@ from multirod.batch import IntArray
 from multirod.capabilities import Clamps, Conjugates
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
-from multirod.models.backbone.kernels.layout.layout import Layout, breakpoint_state, of_whole, residuals_of, unknowns_of
-from multirod.models.backbone.passes.lane_pass import deal, threads, width
+from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, residuals_of, unknowns_of
+from multirod.models.backbone.passes.lane_pass import deal, layout_of, threads, width
 from multirod.models.backbone.units import unit_stiffness
 from multirod.rotations import from_quaternions
 from multirod.validation import FloatArray
@@ -69,7 +69,7 @@ class ClampedBackbones:
             self._call.wrench.columns = wp.zeros((count, 6, d + loads), dtype=wp.float64, device=device)
         self._call.unknown_columns, self._call.direction_columns = d, loads
         lanes = width("float64", device)
-        memory = deal(self._call, Layout(self._features), problem.integrator, "float64", device, count, lanes)
+        memory = deal(self._call, layout_of(self._features), problem.integrator, "float64", device, count, lanes)
         segment: Any = SegmentCall()
         segment.instance = wp.array(np.arange(count), dtype=wp.int32, device=device)
         segment.steps = wp.zeros(count, dtype=wp.int32, device=device)

@@ -61,13 +61,18 @@ def holes_by_rod(joints: Sequence[Joint], rods: Mapping[str, object]) -> dict[st
     return found
 
 
+def joints_by_name(joints: Iterable[Joint]) -> dict[str, Joint]:
+    """Those at ends of rods, as they are called, ``"arm base"``."""
+    return {f"{own.rod} {own.end}": own for own in joints if own.end != ALONG_ROD}
+
+
 def joint_called(joints: Iterable[Joint], joint: Joint | str, *, slides: bool) -> Joint:
     """The joint at an end of a rod that is given, or has this name, ``"arm base"``, and turns or ``slides``.
 
     Raises:
         ValueError: If there is no such joint.
     """
-    ends = {f"{own.rod} {own.end}": own for own in joints if own.end != ALONG_ROD}
+    ends = joints_by_name(joints)
     moving = {name: own for name, own in ends.items() if (own.kind in SLIDING if slides else own.angles)}
     name = joint if isinstance(joint, str) else next((name for name, own in ends.items() if own is joint), None)
     if name not in moving:
