@@ -93,6 +93,9 @@ LONGEST_PART = 8192  # instances: enough for each launch to take long against wh
 SHORTEST_PART = 256
 
 
+_NEVER = Event()  # set by no one: of what is one part
+
+
 class Interrupted(RuntimeError):
     """Raised within a part of a batch whose run was stopped."""
 
@@ -130,11 +133,11 @@ def run(work: Callable[[slice, Event], None], pieces: Sequence[slice], threads: 
     ``work`` looks at the event, or hands it to ``BoundaryProblem.stop``: it is set when another part has raised, or on Ctrl-C.
     What a part raises is raised here once no thread works any more.
     """
-    stop = Event()
     if threads == 1 or len(pieces) <= 1:
         for piece in pieces:
-            work(piece, stop)
+            work(piece, _NEVER)
         return
+    stop = Event()
     with ThreadPoolExecutor(min(threads, len(pieces))) as pool:
         futures = [pool.submit(work, piece, stop) for piece in pieces]
         try:

@@ -110,6 +110,7 @@ class Inputs(ReadOnly):
     instead = "make others by robot.inputs(...), as they are to be"
     _kept: frozenset[str] = frozenset()  # active in the batch that these were taken from
     _nonzero: frozenset[str] | None = None  # of the arrays, once that was asked for
+    _active: tuple[str, ...] | None = None  # likewise
     _checked: "ref[Any] | None" = None  # the robot that takes them, as far as is known
 
     def __init__(self, specs: Sequence[InputSpec], rod_count: int, values: Mapping[str, Any], length: float = 0.0) -> None:
@@ -197,6 +198,10 @@ class Inputs(ReadOnly):
         """The resolved function of arclength given for an input, if one was."""
         return self._profiles.get(name)
 
+    def has(self, names: Sequence[str]) -> bool:
+        """Whether inputs of these names were all given as numbers."""
+        return all(name in self._arrays for name in names)
+
     def array(self, name: str) -> FloatArray:
         """Values of an input as they were given, their leading axes not broadcast."""
         return self._arrays[name]
@@ -251,7 +256,9 @@ class Inputs(ReadOnly):
     @property
     def active(self) -> tuple[str, ...]:
         """Names of the inputs that are not zero everywhere."""
-        return tuple(name for name in self.given if self.is_active(name))
+        if self._active is None:
+            self._active = tuple(name for name in self.given if self.is_active(name))
+        return self._active
 
     def with_arrays(self, arrays: Mapping[str, FloatArray], batch_shape: tuple[int, ...] | None = None) -> "Inputs":
         """Inputs of the same assembly with other values, already checked; functions of arclength are kept.

@@ -2,8 +2,7 @@
 
 import os
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Hashable
 from threading import Lock
 from typing import Any, TypeVar
 from weakref import ref
@@ -42,7 +41,7 @@ class Kept:
         self._size = 0
         self._orphaned = False  # whether a robot of one that is kept is no more
 
-    def take(self, robot: Assembly, key: object) -> BoundaryProblem | None:
+    def take(self, robot: Assembly, key: "Key") -> BoundaryProblem | None:
         """A problem of this robot, out of what is kept; None if there is none."""
         with self._lock:
             for number in reversed(self._by_key.get(key, ())):
@@ -52,7 +51,7 @@ class Kept:
                     return problem
         return None
 
-    def put(self, robot: Assembly, key: object, problem: BoundaryProblem) -> None:
+    def put(self, robot: Assembly, key: "Key", problem: BoundaryProblem) -> None:
         """Keep a problem that no one works on."""
         with self._lock:
             self._problems[self._next] = ref(robot, self._orphan), problem, key
@@ -84,7 +83,42 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=KEPT.forget)
 
 
-@contextmanager
+class Key:
+    """What a problem must have in common with one that is to serve in its place, whose hash is found once: an integrator's takes
+    as long as the rest of a look.
+
+    Args:
+        parts: What is compared.
+    """
+
+    __slots__ = ("_hash", "_parts")
+
+    def __init__(self, parts: Hashable) -> None:
+        self._parts, self._hash = parts, hash(parts)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Key) and self._parts == other._parts
+
+
+class Loan:
+    """A problem for as long as it is needed: within it, it is the borrower's; after an error it is not used again."""
+
+    __slots__ = ("_key", "_problem", "_robot")
+
+    def __init__(self, robot: Assembly, key: Key | None, problem: BoundaryProblem) -> None:
+        self._robot, self._key, self._problem = robot, key, problem
+
+    def __enter__(self) -> BoundaryProblem:
+        return self._problem
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if kind is None and self._key is not None and self._problem.may_be_kept:
+            KEPT.put(self._robot, self._key, self._problem)
+
+
 def borrowed(
     robot: Assembly,
     inputs: Inputs,
@@ -92,10 +126,11 @@ def borrowed(
     instances: IntArray | None = None,
     device: str = "cpu",
     **options: Any,  # noqa: ANN401  (of the robot's own ``problem``)
-) -> Iterator[BoundaryProblem]:
+) -> Loan:
     """``robot.problem(inputs, ...)`` for as long as it is needed: on the CPU it may be one that was made before, as new.
 
-    What is read from it must be copied. After an error it is not used again.
+    It is made, or taken from what is kept, by this call; the context that comes back gives it back. What is read from it must be
+    copied.
     """
     key = None
     if instances is not None and len(instances) and not robot.batch_shape and _is_reusable(robot, inputs):
@@ -105,20 +140,16 @@ def borrowed(
     problem = None if key is None else KEPT.take(robot, key)
     if problem is None or not problem.renew(inputs):
         problem = robot.problem(inputs, instances=instances, device=device, **options)
-    yield problem
-    if key is not None and problem.may_be_kept:
-        KEPT.put(robot, key, problem)
+    return Loan(robot, key, problem)
 
 
 def _is_reusable(robot: Assembly, inputs: Inputs) -> bool:
     return not inputs.profiles and getattr(robot.problem, "reusable", False)
 
 
-def _key(robot: Assembly, inputs: Inputs, options: dict[str, Any]) -> Hashable | None:
-    """What a problem must have in common with one that is to serve in its place; None where none can."""
-    key = (id(robot), inputs.batch_shape, inputs.active, tuple(options.items()))
+def _key(robot: Assembly, inputs: Inputs, options: dict[str, Any]) -> Key | None:
+    """Of a problem; None where none can serve in its place."""
     try:
-        hash(key)
+        return Key((id(robot), inputs.batch_shape, inputs.active, tuple(options.items())))
     except TypeError:  # an integrator of one's own
         return None
-    return key

@@ -15,6 +15,7 @@ from multirod.naming import meant
 FloatArray = NDArray[np.float64]
 Kind = TypeVar("Kind", bound=np.generic)
 
+DOUBLE = np.dtype(np.float64)
 LARGEST_INT = 2**31 - 1  # counts are kept in 32 bits
 LARGEST = 1e50  # in SI units: products of several such numbers are still floats, and no robot is larger
 SMALLEST = 1 / LARGEST
@@ -208,6 +209,11 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
 
     It is a copy that cannot be written to: neither changes what ``value`` is made of, nor is changed by it.
     """
+    if type(value) is np.ndarray and value.dtype is DOUBLE and (not tail or value.shape[-len(tail) :] == tail):
+        copied: FloatArray = value.copy()  # most are so
+        if not finite or (np.abs(copied) <= LARGEST).all():
+            copied.flags.writeable = False
+            return copied
     wanted = "a number" if not tail else f"shape (..., {', '.join(str(size) for size in tail)})"
     if _hides(value):
         refuse(field, value, f"must be numeric, {wanted}, without booleans and masks")

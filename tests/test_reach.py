@@ -6,6 +6,9 @@ from constrained_step import step
 from observer_scenes import three_tubes
 
 import multirod as mr
+from multirod.models.backbone.passes import shortcuts
+from multirod.problem import BoundaryProblem
+from multirod.reuse import KEPT
 from multirod.rotations import matrices, vectors
 from multirod.tasks.formulation import Task, input_units
 from multirod.tasks.limits import limit_rows, middle
@@ -36,13 +39,18 @@ def goals(start, count, turn=0.5, push=0.02):
 
 def test_positions_are_reached_in_six_integrations_within_limits_at_every_step(start, monkeypatch):
     tried = []
-    integrate = Task.integrate
+    ways = {name: getattr(Task, name) for name in ("integrate", "integrate_some_coarsely")}
 
-    def looked_at(self):
-        tried.append(self.values())
-        integrate(self)
+    def looked_at(name):
+        def integrate(self, *coarsely):
+            if name != "integrate" or not tried or not np.array_equal(tried[-1], self.values()):  # of those beside coarse ones
+                tried.append(self.values())
+            ways[name](self, *coarsely)
 
-    monkeypatch.setattr(Task, "integrate", looked_at)
+        return integrate
+
+    for name in ways:
+        monkeypatch.setattr(Task, name, looked_at(name))
     there = goals(start, 12)
     found = mr.reach(TUBES, mr.Pose(position=there.tip_position), free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
     assert (found.status == mr.Status.REACHED).all()
@@ -60,6 +68,41 @@ def test_positions_are_reached_in_six_integrations_within_limits_at_every_step(s
     np.testing.assert_allclose(again.tip_position, there.tip_position, atol=1e-7)
     np.testing.assert_allclose(found.target_error, 0, atol=1e-7)
     assert np.isnan(found.target_angle).all()
+
+
+def test_coarse_integrations_lead_to_results_that_those_of_all_steps_say(start, monkeypatch):
+    """Targets near, far, beyond reach and already there, alone and in a batch; then by integrations that lead astray."""
+    tip, near = start.tip_position, goals(start, 4).tip_position
+    targets = np.concatenate([near, goals(start, 3, turn=1.2, push=0.04).tip_position, [tip, tip + 0.5, 2 * tip]])
+    called, coarsely = [], BoundaryProblem.integrate_coarsely
+
+    def counted(problem):
+        called.append(problem)
+        coarsely(problem)
+
+    monkeypatch.setattr(BoundaryProblem, "integrate_coarsely", counted)
+    options = {"free": FREE, "limits": LIMITS, "guess": start, "solver": SOLVER}
+    found = mr.reach(TUBES, mr.Pose(position=targets), **options)
+    assert len(called) >= 2
+    alone = [mr.reach(TUBES, mr.Pose(position=target), **options) for target in targets]
+    for name in ("unknowns", "target_error", "integrations", "status"):
+        np.testing.assert_array_equal([getattr(one, name) for one in alone], getattr(found, name))
+    few = mr.reach(TUBES, mr.Pose(position=targets[3:9]), **options)  # all in one launch, coarse ones beside others
+    np.testing.assert_array_equal(few.unknowns, found.unknowns[3:9])
+    reached = found.status == mr.Status.REACHED
+    assert reached[:4].all()
+    assert not reached.all()
+    for coarser in (None, 30):  # none are coarse; as coarse as one step of a stretch is, which is off by a tenth and more
+        monkeypatch.setattr(shortcuts, "WORTH" if coarser is None else "COARSER", coarser or 1000)
+        KEPT.forget()
+        other = mr.reach(TUBES, mr.Pose(position=targets), **options)
+        monkeypatch.undo()
+        np.testing.assert_array_equal(other.status, found.status)
+        assert other.residual[reached].max() <= 1e-9
+        assert other.target_error[reached].max() <= 4e-7 * TUBES.longest  # as ``tolerance`` says
+        # places that are reached are solutions of the same equations, whatever led there: by Newton's method to its tolerance
+        np.testing.assert_allclose(other.tip_position[reached], found.tip_position[reached], atol=4e-7)
+    KEPT.forget()
 
 
 @pytest.mark.parametrize("pulled", [False, True])

@@ -375,6 +375,16 @@ class BackboneProblem(BoundaryProblem):
     def launches(self) -> tuple[Any, ...] | None:  # noqa: D102
         return self.launch.recorded if isinstance(self.launch, LanePass) and not self.derivatives.followed else None
 
+    @cached_property
+    def _coarse(self) -> LanePass | None:
+        return shortcuts.coarse(self)
+
+    @property
+    def coarse(self) -> LanePass | None:  # noqa: D102
+        if self._coarse is not None and self._coarse.listed != self.listed:
+            self._coarse.set_dim(self.listed)
+        return None if self.derivatives.followed else self._coarse
+
     def _pass_over(self, instances: IntArray | None) -> None:
         super()._pass_over(instances)
         self.launch.set_dim(self.listed)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Event
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,17 @@ class Block:
     unknowns: slice | NDArray[np.intp]
     residuals: slice | NDArray[np.intp]
     rod: int | None = None
+
+
+class CoarseLaunch(Protocol):
+    """A launch of ``BoundaryProblem.coarse``."""
+
+    @property
+    def recorded(self) -> tuple[Any, ...] | None:
+        """As ``BoundaryProblem.launches``."""
+
+    def launch(self) -> None:
+        """Integrate."""
 
 
 class BoundaryProblem(ByInputs, Offers):
@@ -96,6 +107,7 @@ class BoundaryProblem(ByInputs, Offers):
         self.measured: tuple[str, ...] = ()
         self.rounding = DOUBLE_ROUNDING
         self.stop: Event | None = None
+        self._tolerances: tuple[FloatArray | None, FloatArray] = None, np.zeros(0)  # for which scale, and by it
         self.side = 1  # or -1: to which ``guess`` goes where nothing but a rule tells it
 
     def renew(self, inputs: Inputs) -> bool:
@@ -158,10 +170,14 @@ class BoundaryProblem(ByInputs, Offers):
             Interrupted: If ``stop`` is set.
             RuntimeError: If that is more than is left of ``budget``.
         """
+        self._spend()
+        self._integrate()
+
+    def _spend(self) -> None:
+        """What is to be looked at before an integration."""
         self.heed_stop()
         if self.budget is not None:
             self.budget.spend(int((self.active.numpy()[self.order.numpy()[: self.listed]] != 0).sum()))
-        self._integrate()
 
     def heed_stop(self) -> None:
         """Come to an end here if ``stop`` is set: whatever takes long calls it in between.
@@ -181,6 +197,18 @@ class BoundaryProblem(ByInputs, Offers):
         """The recorded launches that an integration of all instances is, in order, where it is nothing else: a kernel may repeat
         them then. The same object as long as they are the same; None by default."""
         return None
+
+    @property
+    def coarse(self) -> CoarseLaunch | None:
+        """What integrates as ``launches`` do, by fewer steps, so that it says where an equilibrium is to some six digits, where
+        that saves much; None by default. It passes over the instances that are listed now."""
+        return None
+
+    def integrate_coarsely(self) -> None:
+        """``integrate``, by ``coarse``, which there is."""
+        self._spend()
+        assert self.coarse is not None
+        self.coarse.launch()
 
     def integrate_alike(self) -> bool:
         """Integrate one instance for all where they are surely the same, as a batch of loads on one robot is without them.
@@ -209,10 +237,14 @@ class BoundaryProblem(ByInputs, Offers):
         """
         if given is not None:
             return np.full(self.instance_count, float(given))
-        if self.rounding == DOUBLE_ROUNDING:
-            scale = self.curvature_scale()
-            return np.maximum(TOLERANCE * np.minimum(scale, 1.0), LEAST_TOLERANCE * scale)
-        return SINGLE_TOLERANCE * self.curvature_scale()
+        scale = self.curvature_scale()
+        if scale is not self._tolerances[0]:  # of most problems it is one array, always the same
+            if self.rounding == DOUBLE_ROUNDING:
+                found = np.maximum(TOLERANCE * np.minimum(scale, 1.0), LEAST_TOLERANCE * scale)
+            else:
+                found = SINGLE_TOLERANCE * scale
+            self._tolerances = scale, found
+        return self._tolerances[1].copy()
 
     def load_scale(self) -> FloatArray:
         """Size of the loads against the stiffness, ``F L^2/EI`` and its like, shape (instance_count,).

@@ -100,15 +100,21 @@ class ByInputs(Buffers, ABC):
 
     def aim(self, *names: str) -> None:
         """Point the directions along each component of some inputs: every integration from now on gives its columns."""
-        directions = np.zeros(self.directions.shape) if self._direction_view is None else self._direction_view
-        column = 0
-        for name in names:
-            own = self.directions_by(name)
-            directions[:, column : column + own.shape[1]] = own
-            column += own.shape[1]
-        directions[:, column:] = 0.0
+        key = ("aims", names)
+        directions = self._tools.get(key)
+        if directions is None:
+            directions, column = np.zeros(self.directions.shape), 0
+            for name in names:
+                own = self.directions_by(name)
+                directions[:, column : column + own.shape[1]] = own
+                column += own.shape[1]
+            # those along inputs are the same wherever the problem is
+            if all(("directions", name) in self._tools for name in names):
+                self._tools[key] = directions
         if self._direction_view is None:
             self.directions.assign(directions)
+        else:
+            self._direction_view[:] = directions
 
     @cached_property
     def _direction_view(self) -> FloatArray | None:

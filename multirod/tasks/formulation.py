@@ -117,7 +117,8 @@ class Task:
 
     def values(self) -> FloatArray:
         """The freed inputs as the problem has them, shape (b, k)."""
-        return np.array(self.problem.read("inputs")[:, self.places])
+        view = self.problem.input_view()
+        return np.asarray((self.problem.read("inputs") if view is None else view)[:, self.places])
 
     def write(self, unknowns: FloatArray, values: FloatArray) -> None:
         """Set ``x`` (b, n) and ``p`` (b, k)."""
@@ -150,6 +151,20 @@ class Task:
     def integrate(self) -> None:
         """One integration at what the problem holds."""
         self.problem.integrate()
+
+    def integrate_some_coarsely(self, coarsely: NDArray[np.int32]) -> None:
+        """One integration of those that are active, by few steps where ``coarsely`` (b,) is 1: so the problem offers it on the
+        CPU alone."""
+        active = self.problem.buffer("active")
+        before = active.copy()
+        try:
+            active[:] = before * coarsely
+            self.problem.integrate_coarsely()
+            active[:] = before * (1 - coarsely)
+            if active.any():
+                self.integrate()
+        finally:
+            active[:] = before
 
     def last(self, instances: NDArray[np.intp] | slice = slice(None)) -> Evaluation:
         """What the last integration said of some instances, without another one."""

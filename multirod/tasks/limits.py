@@ -1,9 +1,10 @@
 """Limits of freed inputs, and of the shapes that they lead to. Numbers in parentheses: ``docs/tasks.md``."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
+from types import MappingProxyType
 from typing import Any
 from weakref import ref
 
@@ -15,6 +16,7 @@ from multirod.assembly import Assembly
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.naming import unknown_names
+from multirod.read_only import ReadOnly
 from multirod.results.remarks import Remarks
 from multirod.tasks.formulation import input_units, options
 from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, shown
@@ -28,7 +30,7 @@ NEAR = 1e-8  # in units (9), what is at a limit
 ROUNDING_BEYOND = 1e-9  # of what counts as one, what a start may be beyond a limit by rounding
 
 
-class Limits:
+class Limits(ReadOnly):
     """What freed inputs may be, and what shapes they may lead to.
 
     What a robot cannot do is a limit without being named: tubes begin behind the plate, inner ones no less far back than those
@@ -50,6 +52,8 @@ class Limits:
         PlausibilityWarning: Of lengths of more than 10 m, as in mm.
     """
 
+    instead = "make others, Limits(...)"
+
     def __init__(
         self,
         *,
@@ -60,17 +64,21 @@ class Limits:
     ) -> None:
         self.gap = None if gap is None else nonnegative_float("Limits.gap", gap)
         self.curvature = None if curvature is None else positive_float("Limits.curvature", curvature)
-        self.stability_margin = None
-        if stability_margin is not None:
-            self.stability_margin = number("Limits.stability_margin", stability_margin)
-            if not 0 <= self.stability_margin < inf:
-                refuse("Limits.stability_margin", stability_margin, "must be finite and >= 0: what is below is unstable")
-        self.inputs = {name: _pair(name, value) for name, value in inputs.items()}
+        margin = None if stability_margin is None else number("Limits.stability_margin", stability_margin)
+        if margin is not None and not 0 <= margin < inf:
+            refuse("Limits.stability_margin", stability_margin, "must be finite and >= 0: what is below is unstable")
+        self.stability_margin = margin
+        self._inputs = {name: _pair(name, value) for name, value in inputs.items()}
 
     @property
+    def inputs(self) -> Mapping[str, tuple[FloatArray, FloatArray]]:
+        """Limits of inputs, by name."""
+        return MappingProxyType(self._inputs)
+
+    @cached_property
     def key(self) -> tuple[object, ...]:
         """What rows of limits follow from, beside the robot and what is free."""
-        return self.gap, *((name, low.tobytes(), high.tobytes()) for name, (low, high) in self.inputs.items())
+        return self.gap, *((name, low.tobytes(), high.tobytes()) for name, (low, high) in self._inputs.items())
 
     @property
     def of_shape(self) -> bool:
@@ -156,6 +164,11 @@ class LimitRows:
         )
 
     @cached_property
+    def both_ways(self) -> tuple[FloatArray, FloatArray]:
+        """The same as ``p matrix <= ends``, matrix (k, 2 c) and ends (2 c,)."""
+        return np.concatenate([self.matrix.T, -self.matrix.T], axis=1), np.concatenate([self.high, -self.low])
+
+    @cached_property
     def _ranged(self) -> tuple[FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
         """Rows that have two ends: matrix, lower ends, widths, names."""
         width = self.high - self.low
@@ -186,6 +199,15 @@ def told(error: float, angle: float, held_by: Sequence[str]) -> dict[str, str]:
 
 
 _KNOWN: dict[Any, tuple[Any, LimitRows, FloatArray, dict[str, Any]]] = {}
+
+
+def asked_before(robot: Assembly, limits: Limits | None, free: object) -> tuple[LimitRows, FloatArray, dict[str, Any]] | None:
+    """What ``known_rows`` found for these names, which so were checked then; None where it was not asked."""
+    try:
+        found = _KNOWN.get((id(robot), None if limits is None else limits.key, free))
+    except TypeError:  # no tuple of names
+        return None
+    return None if found is None or found[0]() is not robot else found[1:]
 
 
 def known_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> tuple[LimitRows, FloatArray, dict[str, Any]]:
@@ -289,8 +311,8 @@ def _order(robot: Assembly, gap: float | None, start: int, count: int) -> Iterat
 
 def refuse_start(field: str, rows: LimitRows, values: FloatArray, robot: Assembly, free: Sequence[str]) -> None:
     """Refuse a start ``p`` (b, k) that is beyond a limit."""
-    places = values @ rows.matrix.T
-    if not np.count_nonzero((places < rows.low) | (places > rows.high)):
+    matrix, ends = rows.both_ways
+    if np.count_nonzero(values.dot(matrix) <= ends) == len(values) * len(ends):
         return
     beyond = rows.outside(values, input_units(robot, free))
     wrong = np.argwhere(beyond > ROUNDING_BEYOND)

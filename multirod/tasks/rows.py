@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.batch import Instances, IntArray, broadcast_shapes, take
 from multirod.naming import hinted
+from multirod.plausibility.limits import LENGTH
 from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, is_rotation, not_turned, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
 from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, positive_float, refuse
 
+NEARBY = LENGTH.high  # within which a place is nothing to warn of [m]
 PARTS = ("position", "rotation", "axis", "across")  # of a pose
 Kind = tuple[int, int, int]  # whether there is a position (2: across a direction), a rotation, an axis
 POSITION_ROWS = (0, 3, 2)  # of each of these
@@ -81,12 +83,17 @@ class Pose:
         if across is not None and position is None:
             refuse("Pose.across", across, "must not be given without a position, which counts across it")
         self.position = None if position is None else _vector("Pose.position", position)
+        # whether it is a position alone, of one instance, with nothing missing and nothing far: most targets are
+        self.ordinary = False
+        if rotation is axis is across is None and self.position is not None and self.position.ndim == 1:
+            self.ordinary = all(-NEARBY <= value <= NEARBY for value in self.position.tolist())
         self.rotation = None if rotation is None else _rotation(rotation)
         self.axis = None if axis is None else _direction("Pose.axis", axis)
         self.across = None if across is None else _direction("Pose.across", across)
         if self.across is not None and np.isnan(self.across).any():
             refuse("Pose.across", across, "must be finite: what was not measured is NaN in the position")
-        self.whitening = whitening(self.kind, sigma, covariance)
+        self._kind, self._given = _kind(self), _given(self)
+        self.whitening = whitening(self._kind, sigma, covariance)
         self.at, self.rod = None if at is None else positive_float("Pose.at", at), rod
         if at is None and not (isinstance(rod, int) and rod == 0):
             refuse("Pose.rod", rod, "must not be given without at, where along that rod it is: else it is of the end effector")
@@ -98,7 +105,7 @@ class Pose:
     @property
     def given(self) -> tuple[str, ...]:
         """Names of what it has, of ``PARTS``."""
-        return _given(self)
+        return self._given
 
     @property
     def measures(self) -> bool:
@@ -117,17 +124,17 @@ class Pose:
     @property
     def count(self) -> int:
         """Rows: 3 of a position, 2 of one across a direction, 3 of a rotation, 2 of an axis."""
-        return row_count(self.kind)
+        return row_count(self._kind)
 
     @property
     def position_rows(self) -> int:
         """Those of the position, which come first."""
-        return POSITION_ROWS[self.kind[0]]
+        return POSITION_ROWS[self._kind[0]]
 
     @property
     def kind(self) -> "Kind":
         """What it has, as kernels read it."""
-        return _kind(self)
+        return self._kind
 
     @property
     def complete(self) -> NDArray[np.bool_]:

@@ -76,6 +76,9 @@ class LanePass:
         device: Warp device.
         longest: Instances of a portion.
         heed: Called before each portion; may raise.
+
+    Attributes:
+        listed: How many instances it passes over.
     """
 
     def __init__(
@@ -107,6 +110,7 @@ class LanePass:
             lambda: make_kernel(features, integrator.tableau, precision, lanes), self._threads, launch_arguments, device
         )
         self._order, self._portion = call.problem.order, portion
+        self.listed = count
         self._orders = self._portions(count)
         self._recorded = (self._launch,) if len(self._orders) == 1 else None
 
@@ -121,6 +125,7 @@ class LanePass:
 
     def set_dim(self, count: int) -> None:
         """Pass over so many instances from now on: the first that are listed."""
+        self.listed = count
         self._orders = self._portions(count)
         if len(self._orders) == 1:
             self._aim(self._orders[0])

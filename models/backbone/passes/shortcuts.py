@@ -1,4 +1,4 @@
-"""Launches that take less where a batch allows it: of instances that are alike, and without poses until the end."""
+"""Launches that take less: of instances that are alike, without poses until the end, and by few steps on the way."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.kernels.warp_types import Struct
+from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.problem import FEW
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
+COARSER = 5  # times fewer steps of what is on its way: of RK4, an error 600 times as large
+WORTH = 25  # steps from which that saves time: an integration takes as long as twenty beside them
+COARSE_ORDER = 4  # of the method, at least
 POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
 
 
@@ -55,3 +59,19 @@ def without_poses(problem: "BackboneProblem", call: Struct) -> Iterator[None]:
         problem.launch = whole
     with problem.everyone():
         problem.tool("poses", lambda: problem.lane_pass(replace(f, directions=False), call, columns=(0, 0))).launch()
+
+
+def coarse(problem: "BackboneProblem") -> LanePass | None:
+    """The problem's own launch by fewer steps; None where that saves little, or tells little."""
+    integrator = problem.integrator
+    steps = integrator.steps or 0
+    if (
+        steps < WORTH
+        or integrator.tableau.order < COARSE_ORDER
+        or not problem.on_host
+        or not isinstance(problem.launch, LanePass)
+    ):
+        return None
+    call = problem.buffers.call()
+    call.steps, call.step_multiple = float(-(-steps // COARSER)), 1.0
+    return problem.lane_pass(problem.features, call)

@@ -1,6 +1,6 @@
 """Stability of one backbone: its second variation by columns at nodes, its potential, and what its rods say beforehand."""
 
-from functools import cache, partial
+from functools import cache
 from math import ceil
 from typing import TYPE_CHECKING
 
@@ -95,16 +95,18 @@ class BackboneStability(StabilityAnalysis):
 
     def surely_stable(self) -> bool:  # noqa: D102
         problem = self.problem
-        if not problem.judged_often or problem.breakpoints or not problem.tool("may be sure", lambda: may_be_sure(problem)):
+        if not problem.judged_often or problem.breakpoints:
             return False
-        if not self.has_potential.all():
+        own: SureStability | None = problem.tool(
+            "surely stable", lambda: SureStability(problem) if may_be_sure(problem) else None
+        )
+        if own is None or not own.has_potential:
             return False
-        own: SureStability = problem.tool("surely stable", lambda: SureStability(problem))
         # by as many nodes as looks of late called for, then by as many as this one does
         tried, needed = 0, min(own.usual, MOST_NODES_AT_FIRST - 2.0)
         while tried <= needed < MOST_NODES_AT_FIRST - 1:
             segments = ceil(needed + 1e-6)  # as whole numbers decide
-            tried = problem.tool(("nodes", segments), partial(self._nodes_for, needed))
+            tried = own.nodes.get(segments, 0) or own.nodes.setdefault(segments, self._nodes_for(needed))
             if own.holds(tried):
                 return True
             needed = own.needed

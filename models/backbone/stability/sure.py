@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,13 +50,28 @@ class SureStability:
     Attributes:
         needed: Segments that the last look called for; 0 before the first.
         usual: The most that looks of late called for: one that comes short costs more than nodes that were not called for.
+        nodes: How many of them so many segments take, as far as was asked.
     """
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self._problem = problem
         self.needed = 0.0
+        self.nodes: dict[int, int] = {}
         self._late: deque[float] = deque([0.0], maxlen=LATE)
         self._looks: dict[int, _Look | None] = {}  # by nodes; None where a kernel cannot launch others
+
+    @property
+    def has_potential(self) -> bool:
+        """Whether all loads on all instances have a potential: of what ``may_be_sure`` lets through only those of the tip may
+        have none."""
+        inputs = self._problem.input_view()
+        return inputs is not None and not np.count_nonzero(inputs[:, self._without])
+
+    @cached_property
+    def _without(self) -> NDArray[np.intp]:
+        """Where loads without a potential stand in a row of inputs."""
+        every = np.arange(self._problem.input_count)
+        return np.concatenate([every[place] for spec, place in self._problem.sizes.loads if not spec.potential])
 
     @property
     def usual(self) -> float:  # noqa: D102
@@ -69,9 +85,9 @@ class SureStability:
         if look is None:
             return False
         look.launch()
-        self.needed = float(look.needed.max())
+        self.needed = max(look.needed.tolist())  # of few: NumPy's own take longer
         self._late.append(self.needed)
-        return bool(look.sure.all())
+        return all(look.sure.tolist())
 
     def _made(self, nodes: int) -> "_Look | None":
         problem = self._problem

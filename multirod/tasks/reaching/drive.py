@@ -15,13 +15,15 @@ from multirod.tasks.condensed import condensed
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
-from multirod.tasks.reaching.drive_kernels import SETTINGS, Drive
+from multirod.tasks.reaching.drive_kernels import ROUGH, SETTINGS, Drive
 from multirod.tasks.reaching.goals import Place
 from multirod.tasks.reaching.search_kernels import make_search
 from multirod.tasks.rows import Kind, row_count
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
+PLACES = ("start", "last", "here", "base", "fold")
+ALIKE = 3  # of these, which are the same at first
 ROUNDS = 64  # integrations in one launch, of few instances: who stops a batch waits no longer than that
 
 
@@ -47,7 +49,9 @@ class DriveArrays:
     Attributes:
         values: NumPy's arrays by the names of ``Drive``, those of the limits of steps by ``step_limits``.
         places: Of these where instances start, were last and are, and where they found a fold.
+        all_x, all_p: Of the first three of these at once, shapes (3, b, n), (3, b, k).
         limits: Rows of limits whose numbers are in ``values``; None are none.
+        scale: The scale of curvatures that is there, (b,); likewise.
     """
 
     def __init__(self, task: Task, kind: Kind, limit_count: int) -> None:
@@ -62,13 +66,25 @@ class DriveArrays:
             self._share(self._state, name, wp.zeros(c, dtype=wp.float64, device=device))
         for name, shape in {"unit": (k,), "limits": (c, k), "curvature": (count,)}.items():
             self._share(self._state, name, wp.zeros(shape, dtype=wp.float64, device=device))
-        rooms: dict[str, tuple[tuple[int, ...], Any]] = {"settings": ((SETTINGS,), wp.float64), "centre": ((k,), wp.float64)}
-        rooms |= {"count": ((2,), wp.int32)}
-        for place in ("start", "last", "base", "here", "fold"):
-            rooms |= {f"{place}_x": ((count, n), wp.float64), f"{place}_p": ((count, k), wp.float64)}
+        rooms: dict[str, tuple[tuple[int, ...], Any]] = {f"{place}_x": ((count, n), wp.float64) for place in PLACES}
+        rooms |= {f"{place}_p": ((count, k), wp.float64) for place in PLACES}
+        rooms |= {"settings": ((SETTINGS,), wp.float64), "centre": ((k,), wp.float64), "count": ((2,), wp.int32)}
         kinds = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
         rooms |= {name: ((count,), dtype) for name, dtype in kinds.items()}
-        whole = ("phase", "asked", "verdict", "status", "integrations", "allowed", "iterations", "begun", "fresh", "steps")
+        whole = (
+            "rough",
+            "roughly",
+            "phase",
+            "asked",
+            "verdict",
+            "status",
+            "integrations",
+            "allowed",
+            "iterations",
+            "begun",
+            "fresh",
+            "steps",
+        )
         rooms |= dict.fromkeys((*whole, "settling", "limited", "blocked", "folded"), ((count,), wp.int32))
         real = ("done", "part", "goal", "damping", "residual", "sign", "first_sign", "merit", "first_merit", "residual_tolerance")
         rooms |= dict.fromkeys(real, ((count,), wp.float64))
@@ -76,20 +92,24 @@ class DriveArrays:
         sizes = {"J": (m, k), "towards": (n,), "by": (n, k), "change": (k,)}
         rooms |= {name: ((count, *shape), wp.float64) for name, shape in sizes.items()}
         self._cleared, self._rooms = self._side_by_side(rooms, device), tuple(rooms)
-        self._state.kind = wp.vec3i(*kind)
+        self._state.kind, self._state.active = wp.vec3i(*kind), problem.active
         self._state.task, self._columns = condensed(task)
         self._state.step = programme(count, m, k, c, device)
         self._share(self._state.step, "limits", wp.zeros((c, k), dtype=wp.float64, device=device), key="step_limits")
         self.values = {name: each.values for name, each in self._shared.items()}
         self.places = [Place(self.values[f"{name}_x"], self.values[f"{name}_p"]) for name in ("start", "last", "here", "fold")]
+        begin, own = len(PLACES) * count * n, self._cleared[0].values
+        self.all_x = own[: ALIKE * count * n].reshape(ALIKE, count, n)
+        self.all_p = own[begin : begin + ALIKE * count * k].reshape(ALIKE, count, k)
         self._same = wp.get_device(device).is_cpu
         self._make = _maker(device)
-        self._launch = record(self._make, count, [self._state, Calls(), 0], device)
+        self._launch = record(self._make, count, [self._state, Calls(), Calls(), 0], device)
         self._repeats = self._same and count <= FEW and self._columns.in_place
-        self._bound: tuple[Any, ...] | None = None  # launches that ``_loop`` repeats
+        self._bound: tuple[Any, ...] = (None, None)  # launches that ``_loop`` repeats
         self._loop: Launch | None = None
         self._count = self.values["count"]
         self.limits: LimitRows | None = None
+        self.scale: FloatArray | None = None
 
     def _share(self, target: object, name: str, array: WarpArray, key: str = "") -> None:
         self._shared[key or name] = Shared.of(array)
@@ -138,13 +158,22 @@ class DriveArrays:
             for each in self._shared.values():
                 each.fetch()
 
+    @property
+    def begins(self) -> bool:
+        """Whether ``go_on`` begins what is to begin, so that nothing is launched before."""
+        return self._repeating() is not None
+
     def go_on(self, under_way: int) -> tuple[int, int]:
         """Integrations at what the problem holds until one of those under way ends or asks; how many are under way then, and how
         many asked."""
         loop, left, asked = self._repeating(), under_way, 0
         while left == under_way and not asked:
             if loop is None:
-                self._task.integrate()
+                rough = self.values["rough"]
+                if self.values["settings"][ROUGH] and rough.any():
+                    self._task.integrate_some_coarsely(rough)
+                else:
+                    self._task.integrate()
                 self._columns.update()
                 left, asked = self.launch()
             else:
@@ -158,10 +187,13 @@ class DriveArrays:
         problem = self._task.problem
         if not self._repeats or problem.budget is not None:
             return None
-        launches = problem.launches
-        if launches is not self._bound:
-            self._bound, calls = launches, callable_from_kernels(launches)
-            self._loop = None if calls is None else record(self._make, 1, [self._state, calls, ROUNDS], problem.device)
+        coarse = problem.coarse if self.values["settings"][ROUGH] else None
+        launches = problem.launches, None if coarse is None else coarse.recorded
+        if launches[0] is not self._bound[0] or launches[1] is not self._bound[1]:
+            self._bound, calls = launches, [callable_from_kernels(own) for own in launches]
+            arguments = [self._state, calls[0], calls[1] or Calls(), ROUNDS]
+            whole = calls[0] is not None and (coarse is None or calls[1] is not None)
+            self._loop = record(self._make, 1, arguments, problem.device) if whole else None
         return self._loop
 
     def launch(self) -> tuple[int, int]:

@@ -25,8 +25,9 @@ LEAST_PART = 0.02  # of a step, that is taken of such
 FEW_STEPS = 10  # towards one goal, after which steps along limits that lead farther off swing about where they are to rest
 
 # where the numbers of a search stand in ``settings``: what makes rows numbers [m], tolerance [1/m], least part of the way, the
-# first part, whether instances go on that asked, whether shapes have limits, whether steps are pulled, weights of rows
-LENGTH, TOLERANCE, LEAST, PART, RESUMED, SHAPED, PULLED, POSITION_WEIGHT, ANGLE_WEIGHT, SETTINGS = range(10)
+# first part, whether instances go on that asked, whether shapes have limits, whether steps are pulled, weights of rows, whether
+# there are coarse integrations
+LENGTH, TOLERANCE, LEAST, PART, RESUMED, SHAPED, PULLED, POSITION_WEIGHT, ANGLE_WEIGHT, ROUGH, SETTINGS = range(11)
 
 
 @wp.struct
@@ -69,6 +70,9 @@ class Drive:
     asked: wp.array[int]
     verdict: wp.array[int]  # what the host said to that
     count: wp.array[int]  # (2,): instances that are under way, and that asked
+    active: wp.array[int]  # of the problem
+    rough: wp.array[int]  # whether the next integration is a coarse one
+    roughly: wp.array[int]  # whether the first of this drive was
     status: wp.array[int]
     integrations: wp.array[int]
     allowed: wp.array[int]

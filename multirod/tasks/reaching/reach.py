@@ -1,7 +1,6 @@
 """A robot's inputs for a pose of its end effector. Numbers in parentheses: ``docs/tasks.md``."""
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from math import prod
 from threading import Event
@@ -14,14 +13,13 @@ from multirod import plausibility
 from multirod.assembly import Assembly, Robot
 from multirod.batch import broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
-from multirod.problem import BoundaryProblem
 from multirod.results.scene import Scene, stand_in
 from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
 from multirod.tasks.formulation import Task, freed, with_values
-from multirod.tasks.limits import Limits, known_rows, middle, refuse_start
+from multirod.tasks.limits import Limits, asked_before, known_rows, middle, refuse_start
 from multirod.tasks.reaching.drive import expect_search
 from multirod.tasks.reaching.goals import Prefer
 from multirod.tasks.reaching.reached import Aim, Chosen, Ends, Reached, ShapeHolds
@@ -98,28 +96,32 @@ def reach(
     device = device_name("device", device)
     expect_search(device)
     instance("target", target, Pose, "a Pose, such as Pose(position=(0.1, 0, 0.2))")
-    plausibility.of_place("target.position", target.position)
-    if not target.whole:
-        refuse("target", target, "must be finite: NaN is for a measurement that is missing")
+    if not target.ordinary:
+        plausibility.of_place("target.position", target.position)
+        if not target.whole:
+            refuse("target", target, "must be finite: NaN is for a measurement that is missing")
     if target.measures or target.at is not None:
         refuse("target", target, "must be without sigma, covariance and at, which are of measurements")
     if guess is not None:
         instance("guess", guess, Solution, "a Solution")
     if limits is not None:
         instance("limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
-    free = freed("free", robot, free)
+    known = asked_before(robot, limits, free)
+    free = freed("free", robot, free) if known is None else tuple(free)
     given = robot.accept(guess.inputs if inputs is None and guess is not None else inputs)
-    for name in free:
-        if name in given.profiles:
-            refuse("free", free, f"{name} is a function of the arclength: it cannot be chosen")
-    choice("prefer", prefer, PREFERENCES)
+    if given.profiles:
+        for name in free:
+            if name in given.profiles:
+                refuse("free", free, f"{name} is a function of the arclength: it cannot be chosen")
+    if prefer not in PREFERENCES:
+        choice("prefer", prefer, PREFERENCES)
     positive_int("starts", starts, 0)
     try:
         shape = broadcast_shapes(given.batch_shape, robot.batch_shape, target.batch_shape)
     except ValueError:
         refuse("target", Described(f"leading axes {target.batch_shape}"), f"must broadcast with the inputs' {given.batch_shape}")
-    rows, unit, problem_options = known_rows(robot, limits, free)
-    begin = np.concatenate([_with_axes(getattr(given, name), shape) for name in free], axis=-1)
+    rows, unit, problem_options = known_rows(robot, limits, free) if known is None else known
+    begin = _begin(given, free, shape)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
     centre = middle(rows) if prefer == "middle" else None
     if prefer == "smallest tension":
@@ -131,7 +133,7 @@ def reach(
     work = Work(
         robot=robot,
         target=target,
-        inputs=given if shape == given.batch_shape and set(free) <= set(given.arrays) else with_values(given, free, begin),
+        inputs=given if shape == given.batch_shape and given.has(free) else with_values(given, free, begin),
         free=free,
         limits=rows,
         of_shape=limits if limits is not None and limits.of_shape else None,
@@ -166,35 +168,21 @@ def _slack(robot: Assembly, free: tuple[str, ...], begin: FloatArray) -> FloatAr
     return np.where(others, begin[0] if len(begin) else 0.0, 0.0)
 
 
+def _begin(given: Inputs, free: tuple[str, ...], shape: tuple[int, ...]) -> FloatArray:
+    """The freed numbers of inputs with these leading axes, one input after another, shape (..., k)."""
+    if not shape and given.has(free):
+        return np.concatenate([given.array(name) for name in free])
+    return np.concatenate([_with_axes(getattr(given, name), shape) for name in free], axis=-1)
+
+
 def _with_axes(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """Rows (..., n) with these leading axes."""
     return values if values.shape[:-1] == shape else np.broadcast_to(values, (*shape, values.shape[-1]))
 
 
 def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> Reached[Any]:
-    count = prod(work.batch_shape)
-    pieces = parts(count, threads, work.robot.rod_count)
-    found: dict[int, _Part] = {}
-
-    def one(piece: slice, stop: Event) -> None:
-        numbers = None if len(pieces) == 1 else np.arange(piece.start, piece.stop)
-        settings: dict[str, Any] = {"integrator": work.method.integrator, "device": work.device, "instances": numbers}
-        with ExitStack() as borrowing:
-            with work.lock:
-                made = borrowed(work.robot, work.inputs, **settings, **work.options)
-                problem: BoundaryProblem = borrowing.enter_context(made)
-                problem.stop = stop
-            search = search_part(work, problem, piece, numbers, status[piece])
-            records = problem.snapshot()
-            ended = np.array(search.status), np.array(search.iterations), spent[piece] + search.integrations
-            ends = Ends(np.array(search.errors), held_by_shape(work, search, piece))
-            places, weight = search.task.places, search.goals.rows.weight
-            found[piece.start] = _Part(records, ended, ends, problem.record_fields, places, weight)
-
-    if count:
-        run(one, pieces, threads)
-    all_ = [found[piece.start] for piece in pieces] if count else [_none(work)]
-    first, of_shape = all_[0], work.of_shape
+    all_, of_shape = _found(work, status, spent, threads), work.of_shape
+    first = all_[0]
     aim = Aim(work.target, work.free, work.limits, work.unit, () if of_shape is None else of_shape.shape_names, first.weight)
     chosen = Chosen(work.inputs, work.free, first.places, work.batch_shape)
     scene = Scene(work.robot, work.batch_shape, work.method.integrator, work.device, first.fields, chosen, threads=threads)
@@ -206,7 +194,36 @@ def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thread
     return result
 
 
-@dataclass(frozen=True)
+def _found(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> "list[_Part]":
+    """What comes of each part of the batch, in their order."""
+    count = prod(work.batch_shape)
+    pieces = parts(count, threads, work.robot.rod_count) if count > 1 else [slice(0, count)]
+    found: dict[int, _Part] = {}
+
+    def one(piece: slice, stop: Event | None) -> None:
+        numbers = None if len(pieces) == 1 else np.arange(piece.start, piece.stop)
+        settings: dict[str, Any] = {"integrator": work.method.integrator, "device": work.device, "instances": numbers}
+        with work.lock:
+            loan = borrowed(work.robot, work.inputs, **settings, **work.options)
+        with loan as problem:
+            problem.stop = stop
+            search = search_part(work, problem, piece, numbers, status[piece])
+            records = problem.snapshot()
+            ended = search.status.copy(), search.iterations.copy(), spent[piece] + search.integrations
+            ends = Ends(search.errors.copy(), held_by_shape(work, search, piece))
+            places, weight = search.task.places, search.goals.rows.weight
+            found[piece.start] = _Part(records, ended, ends, problem.record_fields, places, weight)
+
+    if not count:
+        return [_none(work)]
+    if len(pieces) == 1:
+        one(pieces[0], None)
+    else:
+        run(one, pieces, threads)
+    return [found[piece.start] for piece in pieces]
+
+
+@dataclass
 class _Part:
     """What comes of a part of a batch: records of its problem, status, iterations and integrations, how the search ended; where
     fields of records are, where freed numbers stand in a row of inputs, and the weight of rows."""

@@ -22,7 +22,7 @@ from multirod.types import Index
 from multirod.validation import FloatArray, frozen
 
 
-@dataclass(frozen=True)
+@dataclass
 class Chosen:
     """Inputs of a reach, by rows of a problem's: a ``Scene``'s ``unpack``, which can be pickled.
 
@@ -60,7 +60,7 @@ class ShapeHolds:
         return ShapeHolds(self.numbers[instances], self.limits[instances])
 
 
-@dataclass(frozen=True)
+@dataclass
 class Ends:
     """Where instances ended; axes (instance, ...).
 
@@ -88,7 +88,7 @@ class Ends:
         return cls(np.concatenate([own.errors for own in ends]), by_shape)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Aim:
     """What all instances of a reach have in common.
 
@@ -112,6 +112,9 @@ class Aim:
 class Reached(Solution[Robot_co]):
     """Equilibria whose end effectors are at their targets, or as near as limits let them be: a ``Solution``, and how near."""
 
+    _aim: Aim
+    _ends: Ends
+
     def __init__(
         self,
         scene: Scene[Robot_co],
@@ -123,7 +126,7 @@ class Reached(Solution[Robot_co]):
         instances: IntArray | None = None,
     ) -> None:
         super().__init__(scene, records, outcome, inputs, instances)
-        self._aim, self._ends = aim, ends
+        vars(self).update(_aim=aim, _ends=ends)
 
     @property
     def target(self) -> Pose:

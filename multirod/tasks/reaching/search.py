@@ -3,6 +3,7 @@
 import numpy as np
 
 from multirod.batch import IntArray
+from multirod.problem import FEW
 from multirod.stability import Modes, Stability, modes_of
 from multirod.status import Status
 from multirod.tasks.controlling.shape_limits import largest_bending
@@ -18,6 +19,7 @@ from multirod.tasks.reaching.drive_kernels import (
     PULLED,
     RADIUS,
     RESUMED,
+    ROUGH,
     SHAPED,
     TOLERANCE,
 )
@@ -59,15 +61,19 @@ class Search:
         rows, limits, problem = goals.rows, goals.limits, task.problem
         kind = rows.kind
         key = ("search", task.free, kind, len(limits.low))
-        self._arrays: DriveArrays = problem.tool(key, lambda: DriveArrays(task, kind, len(limits.low)))
-        self._arrays.clear()
+        arrays: DriveArrays = problem.tool(key, lambda: DriveArrays(task, kind, len(limits.low)))
+        arrays.clear()
+        self._arrays = arrays
         problem.expect_judging()
         self._values = values = self._arrays.values
         self.origin, self.origin_unknowns = p, x
         self.origin_errors = np.full((len(x), rows.count), np.nan)  # NaN where the start is not known
-        if self._arrays.limits is not limits:
-            self._arrays.limit(limits, _limiting(limits, goals.unit))
-        values["curvature"][:] = problem.curvature_scale()
+        if arrays.limits is not limits:
+            arrays.limit(limits, _limiting(limits, goals.unit))
+        scale = problem.curvature_scale()
+        if arrays.scale is not scale:
+            arrays.scale = scale
+            values["curvature"][:] = scale
         for name in rows.given:
             values[name][:] = getattr(rows, name)
         values["residual_tolerance"][:] = goals.residual_tolerance
@@ -75,11 +81,11 @@ class Search:
             values["centre"][:] = goals.centre
         settings = values["settings"]
         settings[LENGTH], settings[TOLERANCE] = goals.length, goals.tolerance
-        settings[POSITION_WEIGHT : ANGLE_WEIGHT + 1] = rows.weight
+        settings[POSITION_WEIGHT], settings[ANGLE_WEIGHT] = rows.weight.tolist()
         settings[SHAPED], settings[PULLED] = goals.of_shape is not None, goals.centre is not None
-        self.start, self.last, self.here, self._fold = self._arrays.places
-        for place in (self.start, self.last, self.here):
-            place.x[:], place.p[:] = x, p
+        settings[ROUGH] = problem.coarse is not None
+        self.start, self.last, self.here, self._fold = arrays.places
+        arrays.all_x[:], arrays.all_p[:] = x, p
         self.status, self.integrations, self.iterations = (values[name] for name in ("status", "integrations", "iterations"))
         self.errors, self.J, self.by = (values[name] for name in ("errors", "J", "by"))  # at ``last``, in units (9)
         self._first_errors, self._first_sign = values["first_errors"], values["first_sign"]
@@ -94,7 +100,7 @@ class Search:
         Parts that fail are shortened, to no less than ``least``, others lengthened. ``status`` is then ``REACHED``, ``AT_LIMIT``,
         ``UNREACHABLE``, ``SINGULAR_TASK`` or ``INTEGRATION_LIMIT``, or ``UNSTABLE`` if the only equilibrium found is past a fold.
         """
-        many = np.count_nonzero(chosen)
+        many = int(np.count_nonzero(chosen))
         if not many:
             return
         values, arrays = self._values, self._arrays
@@ -104,7 +110,8 @@ class Search:
         np.add(self.integrations, self.goals.max_integrations, out=values["allowed"])
         arrays.send()
         with self.task.problem.alone:
-            under_way, _ = arrays.launch()
+            # a launch that repeats integrations begins too
+            under_way = many if many == len(chosen) and arrays.begins else arrays.launch()[0]
             while under_way:
                 under_way = self._pass(under_way)
         arrays.fetch()
@@ -221,7 +228,10 @@ class Search:
     @property
     def all_reached(self) -> bool:
         """Whether all instances are at their targets."""
-        return bool(np.count_nonzero(self.status == REACHED) == len(self.status))
+        count = len(self.status)
+        if count <= FEW:  # of which NumPy takes longer
+            return bool(self.status.tolist().count(REACHED) == count)
+        return bool(np.count_nonzero(self.status == REACHED) == count)
 
     def tried(self, chosen: BoolArray) -> None:
         """Drive the instances chosen from where they begin now, at once or not at all.
@@ -348,11 +358,11 @@ class Search:
             self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
         if not done:
             self._tell_errors(np.flatnonzero(UNREACHED[self.status]))
-        found = self._found()
-        differ = (problem.read("unknowns") != self.last.x) | (self.here.x != self.last.x)
-        moved = self.here.p != self.last.p
-        if np.count_nonzero(differ) or np.count_nonzero(moved):
-            stale = found & (differ.any(axis=1) | moved.any(axis=1))
+        found, last, here = self._found(), self.last, self.here
+        x = problem.read("unknowns")
+        at, there = last.x.tobytes(), last.p.tobytes()  # bytes that are the same are compared at once
+        if not (x.tobytes() == at == here.x.tobytes() and here.p.tobytes() == there):
+            stale = found & ((x != last.x) | (here.x != last.x)).any(axis=1) | (found & (here.p != last.p).any(axis=1))
             if stale.any():
                 self.here.put(stale, self.last)
                 self.task.evaluate(self.last.x, self.last.p, stale)

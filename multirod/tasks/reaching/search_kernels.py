@@ -14,6 +14,7 @@ from multirod.tasks.reaching.drive_kernels import (
     PART,
     PULLED,
     RESUMED,
+    ROUGH,
     SHAPED,
     TOLERANCE,
     Drive,
@@ -33,6 +34,8 @@ LEAST_STEP = 0.01  # of a step
 AT_REST = 1e-7  # a step in units (9) that is none
 IN_PLACE = 1e-3  # the same of what the target leaves free
 LOOSE = 1e3  # tolerances of places on the way, in those of the target
+NEARLY = 0.03  # of what is left, in lengths or the scale of curvatures, from which the next integration is no coarse one
+MOST_ROUGH = 8  # steps by coarse ones
 MOST_STEPS = 40  # towards one goal
 MOST_LIMITED = 100  # of those that swing along limits
 PLACES = 12  # steps that a target that is reached gets for what it leaves free
@@ -57,8 +60,47 @@ def end(s: wp.ref[Drive], t: int, status: int):
 
 
 @wp.func(inline=False)
+def begin(s: wp.ref[Drive], t: int, rough: int):
+    """A drive, from ``start``."""
+    put_place(s.last_x, s.last_p, s.start_x, s.start_p, t)
+    put_place(s.base_x, s.base_p, s.start_x, s.start_p, t)
+    put_place(s.here_x, s.here_p, s.start_x, s.start_p, t)
+    s.rough[t] = rough
+    s.roughly[t] = rough
+    s.done[t] = f64(0.0)
+    s.part[t] = s.settings[wp.static(PART)]
+    s.goal[t] = s.part[t]
+    s.damping[t] = f64(1.0)
+    s.merit[t] = infinite()
+    s.fresh[t] = 1
+    s.begun[t] = 0
+    s.steps[t] = 0
+    s.settling[t] = 0
+    s.limited[t] = 0
+    s.blocked[t] = 0
+    s.folded[t] = 0
+    s.asked[t] = wp.static(NOTHING)
+    s.status[t] = wp.static(int(Status.NOT_RUN))
+    s.phase[t] = wp.static(OPEN)
+
+
+@wp.func
+def by_coarse(s: wp.ref[Drive], t: int) -> int:
+    """Whether a drive begins by coarse integrations: one that goes all the way at once, and is asked nothing on it, nor ends
+    before they do."""
+    whole = s.settings[wp.static(PART)] == f64(1.0) and s.settings[wp.static(ROUGH)] != f64(0.0)
+    whole = whole and s.allowed[t] - s.integrations[t] >= wp.static(MOST_STEPS)
+    if whole and s.settings[wp.static(SHAPED)] == f64(0.0) and s.settings[wp.static(PULLED)] == f64(0.0):
+        return 1
+    return 0
+
+
+@wp.func(inline=False)
 def shorten(s: wp.ref[Drive], t: int):
-    """Try a shorter part of the way, from where the last one ended."""
+    """Try a shorter part of the way, from where the last one ended; what was tried by coarse integrations begins anew."""
+    if s.roughly[t] != 0:
+        begin(s, t, 0)
+        return
     s.part[t] = s.part[t] * f64(wp.static(SHORTENED))
     if s.part[t] < s.settings[wp.static(LEAST)]:
         put_place(s.last_x, s.last_p, s.base_x, s.base_p, t)
@@ -130,6 +172,9 @@ def arrive(s: wp.ref[Drive], t: int, asked: int) -> bool:
     if asked == wp.static(ARRIVED):
         s.blocked[t] = s.verdict[t]
         wrong = s.verdict[t] != 0
+    if wrong and s.roughly[t] != 0:
+        begin(s, t, 0)
+        return False
     if wrong:  # on to the nearer goal from here, not from where the last part ended: measured, fewer got there so
         shorten(s, t)
         return s.phase[t] == wp.static(OPEN)
@@ -166,6 +211,9 @@ def rest_at_target(s: wp.ref[Drive], t: int, asked: int):
 @wp.func(inline=False)
 def rest(s: wp.ref[Drive], t: int, asked: int):
     """Steps have come to rest, or are too many."""
+    if s.roughly[t] != 0:
+        begin(s, t, 0)
+        return
     if s.goal[t] == f64(1.0):
         rest_at_target(s, t, asked)
         return
@@ -201,6 +249,12 @@ def advance(s: wp.ref[Drive], t: int):
         return
     solve_step(s, t)
     s.steps[t] = s.steps[t] + 1
+    if s.rough[t] != 0:
+        if s.merit[t] <= f64(wp.static(NEARLY)) or s.steps[t] >= wp.static(MOST_ROUGH):
+            s.rough[t] = 0
+            s.merit[t] = infinite()  # is of other equations
+        go(s, t)
+        return
     still = step_size(s, t) <= f64(wp.static(AT_REST)) and bends <= f64(wp.static(AT_REST))
     if still:
         total = f64(0.0)
@@ -216,28 +270,6 @@ def advance(s: wp.ref[Drive], t: int):
         go(s, t)
 
 
-@wp.func(inline=False)
-def begin(s: wp.ref[Drive], t: int):
-    """A drive, from ``start``."""
-    put_place(s.last_x, s.last_p, s.start_x, s.start_p, t)
-    put_place(s.base_x, s.base_p, s.start_x, s.start_p, t)
-    put_place(s.here_x, s.here_p, s.start_x, s.start_p, t)
-    s.done[t] = f64(0.0)
-    s.part[t] = s.settings[wp.static(PART)]
-    s.goal[t] = s.part[t]
-    s.damping[t] = f64(1.0)
-    s.merit[t] = infinite()
-    s.fresh[t] = 1
-    s.begun[t] = 0
-    s.steps[t] = 0
-    s.settling[t] = 0
-    s.blocked[t] = 0
-    s.folded[t] = 0
-    s.asked[t] = wp.static(NOTHING)
-    s.status[t] = wp.static(int(Status.NOT_RUN))
-    s.phase[t] = wp.static(OPEN)
-
-
 @wp.func
 def proceed(s: wp.ref[Drive], t: int):
     """From an integration, or what the host said after it, to the next one's place."""
@@ -247,6 +279,8 @@ def proceed(s: wp.ref[Drive], t: int):
         s.integrations[t] = s.integrations[t] + 1
         if not accept(s, t):
             retreat(s, t)
+        elif s.rough[t] != 0:
+            advance(s, t)
         elif arrive(s, t, asked):
             advance(s, t)
     elif asked == wp.static(ARRIVED):
@@ -262,7 +296,7 @@ def proceed(s: wp.ref[Drive], t: int):
 def attend(s: wp.ref[Drive], t: int):
     """One instance, after its integration."""
     if s.phase[t] == wp.static(BEGINNING):
-        begin(s, t)
+        begin(s, t, by_coarse(s, t))
     elif s.phase[t] == wp.static(OPEN):
         if s.settings[wp.static(RESUMED)] == f64(0.0) or s.asked[t] != wp.static(NOTHING):
             proceed(s, t)
@@ -275,24 +309,56 @@ def attend(s: wp.ref[Drive], t: int):
             s.task.inputs[t, s.task.places[j]] = s.here_p[t, j]
 
 
+@wp.func
+def integrate(s: wp.ref[Drive], calls: Calls, coarse: Calls):
+    """Launch what integrates each instance under way: of those that are active, as those are that have not ended."""
+    some = int(0)
+    others = int(0)
+    for t in range(s.phase.shape[0]):
+        if s.phase[t] == wp.static(OPEN):
+            some += s.rough[t]
+            others += 1 - s.rough[t]
+    if some == 0:
+        launch_all(calls)
+    elif others == 0:
+        launch_all(coarse)
+    else:
+        for t in range(s.phase.shape[0]):
+            s.active[t] = wp.where(s.phase[t] == wp.static(OPEN), s.rough[t], 0)
+        launch_all(coarse)
+        for t in range(s.phase.shape[0]):
+            s.active[t] = wp.where(s.phase[t] == wp.static(OPEN), 1 - s.rough[t], 0)
+        launch_all(calls)
+        for t in range(s.phase.shape[0]):
+            s.active[t] = wp.where(s.phase[t] == wp.static(OPEN), 1, 0)
+
+
 @cache
 def make_search(repeats: bool):
     """Kernel for all that a search does between two integrations.
 
     Where it ``repeats``, one thread may do all: with ``rounds``, it has an integration launched so many times at most, and goes
-    on after each, until an instance ends or asks.
+    on after each, until an instance ends or asks; what is to begin begins before.
     """
 
     @own_module(max_unroll=1)
-    def search(s: Drive, calls: Calls, rounds: int):
+    def search(s: Drive, calls: Calls, coarse: Calls, rounds: int):
         if rounds == 0:
             attend(s, wp.tid())
             return
         if wp.static(repeats):
+            begun = int(0)
+            for t in range(s.phase.shape[0]):
+                if s.phase[t] == wp.static(BEGINNING):
+                    if begun == 0:
+                        s.count[0] = 0
+                        s.count[1] = 0
+                    begun = 1
+                    attend(s, t)
             under_way = s.count[0]
             done = int(0)
             while done < rounds and s.count[0] == under_way and s.count[1] == 0:
-                launch_all(calls)
+                integrate(s, calls, coarse)
                 s.count[0] = 0
                 s.count[1] = 0
                 for t in range(s.phase.shape[0]):

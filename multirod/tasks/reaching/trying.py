@@ -85,7 +85,7 @@ def search_part(
         max_integrations=work.max_integrations,
     )
     sound = ~failures(status)
-    x, whole = problem.adopt(work.unknowns[piece]), np.count_nonzero(sound) == len(sound)
+    x, whole = problem.adopt(work.unknowns[piece]), bool(sound.all())
     search = Search(task, goals, x if whole else np.where(sound[:, None], x, 0.0), task.values())
     within = sound
     if work.of_shape is not None:
