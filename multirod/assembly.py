@@ -294,14 +294,22 @@ class Assembly(ReadOnly, ABC):
         """Length of the longest rod [m]."""
         return max(float(rod.length.max()) for rod in self.rods)
 
+    def arms(self, spec: InputSpec) -> FloatArray:
+        """How far from the centreline the lines that an input drives run at most [m], one number each; a thousandth of the
+        longest rod at least."""
+        lines = ((rod, line) for rod in self.rods for line in rod.lines if line.drive is not None and line.drive[0] == spec.name)
+        return np.array([max(line.arm(rod.sections), 1e-3 * self.longest) for rod, line in lines])
+
     def borne(self, spec: InputSpec) -> FloatArray:
-        """What a load is multiplied by to be a force or a moment, ``spec.on``, where there is most of it: a number, or one for
-        each line; 1 of what is one itself. A mass that rods carry counts as if the longest had it along itself."""
-        if not spec.on:
-            return np.ones(())
+        """What a load is multiplied by to be a force or a moment, where there is most of it: a number, ``spec.on``, or one for
+        each line, whose force over the longest rod bends as its moment does; 1 of what is one itself. A mass that rods carry
+        counts as if the longest had it along itself."""
         if spec.acts == "lines":
             lines = (line for rod in self.rods for line in rod.lines if line.drive is not None and line.drive[0] == spec.name)
-            return np.array([float(np.max(getattr(line, spec.on))) for line in lines])
+            borne = np.array([float(np.max(getattr(line, spec.on))) if spec.on else 1.0 for line in lines])
+            return np.asarray(borne * self.arms(spec) / self.longest)
+        if not spec.on:
+            return np.ones(())
         of_sections = (np.asarray(getattr(section, spec.on)) for rod in self.rods for section in rod.sections)
         most = max(float(np.abs(value).max(initial=0.0)) for value in of_sections)
         return np.asarray(most + self.mass_carried / self.longest * (spec.load == "force"))

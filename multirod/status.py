@@ -168,7 +168,8 @@ _MESSAGES = {
     Status.UNREACHABLE: "no way to the target was found: it may be out of reach, target_error says how near the search came; ask "
     "for fewer rows (a position alone), free more inputs, begin nearer, or let starts be tried",
     Status.SINGULAR_TASK: "the freed inputs cannot move the end effector in a direction that the target asks for, where the "
-    "search ended: ask for fewer rows, free other inputs, or begin elsewhere (a straight robot's tip cannot be pushed sideways)",
+    "search ended: ask for fewer rows, free other inputs, or begin elsewhere (a straight robot's tip cannot be pushed sideways, "
+    "and a line moves nothing by its displacement where it is slack, or just so)",
     Status.OUT_OF_REACH: "what holds the end is farther from the base than the rod, which does not stretch, is long: move it "
     "nearer, take a longer rod, or give it an axial_stiffness",
     Status.OUT_OF_HOLE: "a rod is pulled out of a hole of a body: nothing of it is left on one side; let it out by its "

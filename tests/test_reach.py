@@ -626,9 +626,13 @@ def test_an_axis_half_a_turn_away_is_as_far_as_it_is():
     lines = [mr.Tendon(offset=(0.008 * np.cos(angle), 0.008 * np.sin(angle))) for angle in (0, 2.1, 4.2)]
     robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
     start = mr.solve(robot, robot.inputs(tension=(1.5, 0.7, 0.5)))
-    found = mr.reach(robot, mr.Pose(axis=-start.tip_rotation[:, 2]), start.inputs, free="tension")
-    assert found.failed
-    assert 1.0 < found.target_angle <= np.pi  # it was 0, with another status
+    target = mr.Pose(axis=-start.tip_rotation[:, 2])
+    found = mr.reach(robot, target, start.inputs, free="tension")
+    assert found.status == mr.Status.REACHED
+    assert abs(np.arccos(np.clip(found.tip_rotation[:, 2] @ target.axis, -1, 1))) < 1e-5
+    held = mr.reach(robot, target, start.inputs, free="tension", limits=mr.Limits(tension=(0, 4)))
+    assert held.status != mr.Status.REACHED
+    assert 1.0 < held.target_angle <= np.pi  # it was 0, with another status
 
 
 def test_rows_of_an_axis_have_their_derivatives_up_to_half_a_turn():

@@ -44,6 +44,31 @@ def wire(length=1.0, force=1.0):
     return mr.SingleRod(rod)
 
 
+@pytest.mark.parametrize("driven", ["tension", "displacement"])
+def test_two_segments_of_four_tendons_reach_where_other_pulls_had_them(driven):
+    """Their pulls are ten to a hundred times ``EI/L^2``: what bends a rod by a radian is the moment of its tendon."""
+
+    def around(first, end, **options):
+        angles = first + np.pi / 2 * np.arange(4)
+        return [mr.Tendon(offset=(0.006 * np.cos(a), 0.006 * np.sin(a)), end=end, driven=driven, **options) for a in angles]
+
+    options = {"axial_stiffness": 2000.0} if driven == "displacement" else {}
+    lines = around(0.0, 0.1, **options) + around(np.pi / 4, 0.2, **options)
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.006, torsional_stiffness=0.0046, lines=lines))
+    low, start, high, limits = (0, 0.3, 8, (0, 20)) if driven == "tension" else (-2e-3, 1e-3, 3e-3, (-6e-3, 8e-3))
+    pulled = np.random.default_rng(5).uniform(low, high, (40, 8))
+    seen = mr.solve(robot, robot.inputs(**{driven: pulled}), solver=SOLVER).raise_if_failed()
+    found = mr.reach(
+        robot,
+        mr.Pose(position=seen.tip_position),
+        robot.inputs(**{driven: start}),
+        free=driven,
+        limits=mr.Limits(**{driven: limits}),
+        solver=SOLVER,
+    )
+    assert (found.status == mr.Status.REACHED).all()
+
+
 def reached(length=1.0, force=1.0):
     robot, start = posed(length, force)
     places = start.tip_position + length * np.array([(3e-3, 5e-3, -4e-3), (0, 0, 0.08)])  # within reach, and beyond it

@@ -238,6 +238,8 @@ def input_units(robot: Assembly, free: Sequence[str]) -> FloatArray:
     sizes = []
     for spec in (spec for name in free for spec in robot.input_specs if spec.name == name):
         unit: FloatArray | float = {"rad": 1.0, "m": 0.1 * length}.get(spec.unit, 1.0)
+        if spec.acts == "lines" and spec.load is None:
+            unit = np.minimum(unit, robot.arms(spec))  # by which a line bends the rod by one radian
         if spec.load is not None:
             borne = robot.borne(spec)
             unit = np.where(borne > 0, stiffness / length**spec.power / np.where(borne > 0, borne, 1.0), 1.0)

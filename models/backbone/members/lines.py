@@ -127,6 +127,12 @@ class Line(ReadOnly, Member):
         least = LEAST_LEVER * float(rod_length(sections).max())
         return np.asarray(np.maximum(np.linalg.norm(self._offset_and_slope(self.start)[0], axis=-1), least))
 
+    def arm(self, sections: "Sequence[Section]") -> float:
+        """How far from the centreline it runs at most [m]."""
+        last = min(self._last, float(rod_length(sections).max()))
+        places = np.linspace(self.start, last, 1 if self.offset is not None else 65)
+        return max(float(np.linalg.norm(self._offset_and_slope(s)[0], axis=-1).max()) for s in places)
+
     def length_at_rest(self, sections: "Sequence[Section]") -> FloatArray:
         """How long the line is in a rod of these sections that nothing loads [m], shape (...)."""
         total = begin = np.asarray(0.0)
