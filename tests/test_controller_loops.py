@@ -6,6 +6,7 @@ from observer_scenes import three_tubes
 
 import multirod as mr
 from multirod.rotations import matrices
+from multirod.studies.scenes import six_legs
 
 STEPS = mr.RK4(30)
 TUBES, MOTION = three_tubes()
@@ -155,9 +156,41 @@ def test_how_gamma_varies_is_learned_along_the_way():
     for z in np.linspace(0.1, 0.49, 100):
         assert loop.step(position=(0, 0, z)).status is mr.Status.TRACKING
     watch = loop._watch
-    assert len(watch._due) <= 1  # what a sample leaves to the next is done there
-    watch.catch_up()
+    assert not watch._due
     there = 0.6 + unit * watch._anchored[0, 0]
     growth = np.sqrt(watch._shared["growth"].values[0, 0, 0])
     # between two places that are compared it is that of the middle; at the start it was a third of what it is here
     assert 0.75 < growth / (np.sqrt(2) * unit * k * np.tan(k * there)) < 1.05
+
+
+def test_what_is_renewed_piece_by_piece_is_what_is_kept_at_once():
+    """Nothing else is compared with before it is whole; then (17c), (17d) say the same as where one sample bears all."""
+    robot = six_legs().robot
+    start = mr.solve(robot, robot.inputs(tip_force=(0, 0, -5.0)), solver=mr.Shooting(integrator=STEPS))
+    names, found, one = ("anchor", "inverse", "growth", "least"), [], np.arange(1)
+    for at_once in (False, True):
+        loop = mr.Controller(robot, dt=1e-3, free="translation", guess=start, integrator=STEPS)
+        watch, task, place = loop._watch, loop._task, start
+        for part in (0.2, 0.35):  # from the second on (17d) has a way to go by
+            gone = part * watch._unit * np.linspace(-1, 1, 6)
+            before = {name: np.array(watch._shared[name].values) for name in names}
+            place = mr.solve(robot, start.inputs.with_arrays(start.inputs.arrays | {"translation": gone}), guess=place)
+            task.evaluate(place.unknowns[None], gone[None])
+            watch._stand(one, 0.5)
+            if at_once:
+                watch.keep(one, watch.gamma())
+                watch.catch_up()
+                continue
+            watch.renew()
+            pieces = 0
+            while watch._renewal is not None:
+                for name in names:
+                    np.testing.assert_array_equal(watch._shared[name].values, before[name])
+                watch.renew()  # one at a time
+                watch.go_on()
+                pieces += 1
+            assert pieces >= 6
+            assert not np.array_equal(watch._shared["growth"].values, before["growth"])
+        found.append([np.array(watch._shared[name].values) for name in names])
+    for own, other in zip(*found, strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())  # sums in another order

@@ -1,5 +1,6 @@
 """Whether samples of a controller or an estimator are stable: looked at where a mode may have been lost since the last look."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ from multirod.validation import FloatArray
 PROBED = 1e-2  # (17c) in units (9): steps of differences of ``Gamma``, which its second order is part of
 LEAST_GROWN = 0.1  # (17c) of the fastest growth: a direction without any to first order may have some to second
 LEAST_GONE = 1e-3  # (17d) way, in units (9), that tells how ``Gamma`` varies
+LARGE = 16  # unknowns, from which what one freed number changes ``Gamma`` by is work for a sample
+AT_ONCE = 2  # of these in one sample
+HASTY = 0.6  # (17) from which what renews ``Gamma_0`` is done at once: at 0.8 a sample would take an integration more
 BALANCING = 6  # passes of scales, after which they stay as they are to some per cent
 
 
@@ -50,6 +54,7 @@ class Watch:
         self._others = np.zeros((count, problem.input_count))  # and what is not
         # of instances that were kept since the last sample: their way to there, if one tells, and by how much ``Gamma`` changed
         self._due: list[tuple[int, FloatArray | None, FloatArray]] = []
+        self._renewal: Iterator[None] | None = None  # under way, a piece of it in each sample
 
     def gamma(self) -> FloatArray:
         """Of the last integration, shape (b, n, n)."""
@@ -98,6 +103,7 @@ class Watch:
     def keep(self, rows: IntArray, gamma: FloatArray) -> None:
         """Some instances are stable at ``gamma`` (k, n, n), that of the last comparison, as far as can be said; one that is
         singular is no place to go by. How ``Gamma`` varies there is left to ``catch_up``."""
+        self._renewal = None
         anchor, inverse, scale, compared = (self._shared[name] for name in ("anchor", "inverse", "scale", "compared"))
         place = self._shared["place"]
         compared.fetch()
@@ -137,17 +143,75 @@ class Watch:
                 continue
             off = back.T @ slopes
             off *= scale.values[row]
-            off = off.reshape(len(off), -1)
-            found = off @ off.T
-            if not np.isfinite(found).all():
-                off[~np.isfinite(off).all(axis=1)] = UNTOLD / np.sqrt(off.shape[1])
-                found = off @ off.T
-            growth.values[row] = found
-            fastest = np.sqrt(found.diagonal().max())
-            least.values[row] = LEAST_GROWN * fastest, max(UNTOLD, fastest)
+            self._grow(row, off)
         self._due.clear()
         growth.send()
         least.send()
+
+    def renew(self) -> None:
+        """The only instance is stable at the last integration's ``Gamma``: from some samples on it is what others are compared
+        with, as ``keep`` says. A piece of the work is done in each call of ``go_on``; one renewal at a time."""
+        if self._renewal is not None:
+            return
+        gamma, place = self.gamma()[0], self._shared["place"].fetched()[0].copy()
+        others = self._problem.read("inputs")[0]
+        others[self._task.places] = 0.0
+        self._renewal = self._renewed(gamma, place, others)
+
+    def go_on(self) -> None:
+        """Do what is to be done in each sample: a piece of what ``renew`` began, or what ``keep`` left."""
+        if self._renewal is None:
+            self.catch_up()
+            return
+        hasty = float(self._shared["compared"].fetched()[0, 0]) > HASTY
+        for _ in self._renewal:
+            if not hasty:
+                return
+        self._renewal = None
+
+    def _renewed(self, gamma: FloatArray, place: FloatArray, others: FloatArray) -> Iterator[None]:
+        """(17c), (17d) Pieces of a renewal; after them ``gamma`` (n, n) at what is free (k,) is ``Gamma_0``."""
+        anchor, inverse, scale = (self._shared[name] for name in ("anchor", "inverse", "scale"))
+        if not np.isfinite(gamma).all():
+            return
+        factors, pivots, failed = dgetrf(gamma.T)
+        if failed:
+            return
+        yield
+        transposed, failed = dgetri(factors, pivots, overwrite_lu=1)
+        if failed:
+            return
+        back = np.asarray(transposed) / scale.values[0]
+        yield
+        gone, slopes = place - self._anchored[0], self._slopes[0]
+        tells = np.abs(gone).max() > LEAST_GONE and (others == self._others[0]).all()  # NaN is not: no way led here
+        left = gamma - anchor.values[0] - np.tensordot(gone, slopes, 1) if tells else None
+        yield
+        off, step = np.empty_like(slopes), AT_ONCE if len(gamma) > LARGE else len(slopes)
+        for first in range(0, len(slopes), step):
+            own = slice(first, first + step)
+            if left is not None:
+                slopes[own] += np.multiply.outer(gone[own] / (gone @ gone), left)
+            np.matmul(back.T, slopes[own], out=off[own])
+            off[own] *= scale.values[0]
+            yield
+        self._grow(0, off)
+        anchor.values[0], inverse.values[0] = gamma, back
+        self._anchored[0], self._others[0] = place, others
+        for name in ("anchor", "inverse", "growth", "least"):
+            self._shared[name].send()
+        self.compare()
+
+    def _grow(self, row: int, off: FloatArray) -> None:
+        """(17c) ``Q`` of an instance by ``F`` (k, n, n), and what it is at least."""
+        off = off.reshape(len(off), -1)
+        found = off @ off.T
+        if not np.isfinite(found).all():
+            off[~np.isfinite(off).all(axis=1)] = UNTOLD / np.sqrt(off.shape[1])
+            found = off @ off.T
+        self._shared["growth"].values[row] = found
+        fastest = np.sqrt(found.diagonal().max())
+        self._shared["least"].values[row] = LEAST_GROWN * fastest, max(UNTOLD, fastest)
 
     def compare(self) -> None:
         """The next sample, however short its way: something else has changed."""

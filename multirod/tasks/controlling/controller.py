@@ -290,13 +290,13 @@ class Controller(Uncopied, Generic[Robot_co]):
     def _sample(self, kind: Kind, seen: tuple[int, int]) -> Command[Robot_co]:
         self._step.given["seen"][:] = seen
         problem = self._task.problem
-        self._watch.catch_up()
+        self._watch.go_on()
         with problem.alone:
             problem.integrate()
             record, told, status, doubt = self._step.launch(kind)
             spent = ONCE
             if doubt == NEXT:
-                self._watch.keep(THE_ONE, self._watch.gamma())
+                self._watch.renew()
             elif doubt == LOOK:
                 spent = TWICE
                 if self._unstable(record):
