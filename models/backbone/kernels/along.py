@@ -5,8 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.instance import Instance
-from multirod.models.backbone.kernels.layout.arguments import END, END_MOVER, OUTPUT, START, Call, RodTable
+from multirod.models.backbone.kernels.layout.arguments import END, END_MOVER, OUTPUT, Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 
@@ -15,7 +14,7 @@ f64 = wp.float64
 
 def make_given_places(grid: SimpleNamespace) -> SimpleNamespace:
     """Of the grid, whose output nodes stand where they are asked for, the base aside."""
-    section_from, section_end, find_end = grid.section_from, grid.section_end, grid.find_end
+    Sections, section_end, find_end = grid.Sections, grid.section_end, grid.find_end
 
     @wp.func
     def given_arclength(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], output: int) -> f64:
@@ -25,12 +24,12 @@ def make_given_places(grid: SimpleNamespace) -> SimpleNamespace:
         return f64(wp.inf)
 
     @wp.func(inline=False)
-    def find_end_or_place(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int):
+    def find_end_or_place(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int, sections: Sections):
         """As ``find_end``; a place that is asked for does not move."""
-        find_end(rods, call, case, p)
+        find_end(rods, call, case, p, sections)
         mover = int(-1)
         for i in range(rods.end.shape[1]):
-            m = section_from(rods, call, case, i, call.lane[p, START])
+            m = sections[i]
             if m < rods.end.shape[2]:
                 if section_end(rods, call, case, i, m) == call.lane[p, END]:
                     mover = i

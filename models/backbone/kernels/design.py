@@ -10,8 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.instance import Instance
-from multirod.models.backbone.kernels.layout.arguments import END, END_MOVER, START, Call, RodTable
+from multirod.models.backbone.kernels.layout.arguments import END, END_MOVER, START, Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
 from multirod.models.backbone.kernels.layout.rows import DesignOffsets, InputOffsets, input_size
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
@@ -63,7 +62,7 @@ def make_design_grid(layout: Layout, memory: Memory, W: int, d, grid: SimpleName
     COLUMNS, COLUMN_SIZE, GIVEN = memory.COLUMNS, memory.COLUMN_SIZE, layout.column.size
     given = layout.given
     UNIT, SHIFT, CURVING, SOFTENING = given["unit"], given["shift"], given["curving"], given["softening"]
-    section_from, section_at, section_end, set_number = grid.section_from, grid.section_at, grid.section_end, grid.set_number
+    Sections, section_at, section_end, set_number = grid.Sections, grid.section_at, grid.section_end, grid.set_number
     find_end, load_directions, load_acting_design = grid.find_end, grid.load_directions, grid.load_acting_design
     piece_of, LOADS = _make_piece_of(layout), bool(at.LOADS)
 
@@ -98,12 +97,12 @@ def make_design_grid(layout: Layout, memory: Memory, W: int, d, grid: SimpleName
         return rate
 
     @wp.func(inline=False)
-    def find_end_of_section(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int):
+    def find_end_of_section(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int, sections: Sections):
         """As ``find_end``; the mover is the section that ends there, or none."""
-        find_end(rods, call, case, p)
+        find_end(rods, call, case, p, sections)
         mover = int(-1)
         for i in range(rods.end.shape[1]):
-            m = section_from(rods, call, case, i, call.lane[p, START])
+            m = sections[i]
             if m < rods.end.shape[2]:
                 if section_end(rods, call, case, i, m) == call.lane[p, END]:
                     mover = wp.static(n) + i + wp.static(n) * m

@@ -5,38 +5,12 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
+from multirod.models.backbone.kernels.layout.arguments import Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.layout.rows import InputOffsets
 from multirod.models.backbone.kernels.tips import longest_of, tip_of
 
 f64 = wp.float64
-
-
-@wp.struct
-class Instance:
-    """One instance: its geometry, and its loads in the base frame."""
-
-    index: int  # in the batch
-    rods: int  # row of ``RodTable``
-    direction: int  # row of ``ProblemArrays.directions``
-    base_position: wp.vec3d
-    base_rotation: wp.mat33d
-    to_base: wp.mat33d  # its transpose
-    length: f64
-    longest: int  # the rod that ends at the tip
-    scale: f64  # what counts as one in positions
-    tip_force: wp.vec3d
-    tip_moment: wp.vec3d
-    distributed_force: wp.vec3d
-    distributed_moment: wp.vec3d
-    gravity: wp.vec3d
-    profile_factor: f64
-    # what numbers in lanes are counted in: SI units, or natural ones in single precision, which ends at 1e38
-    moment: f64
-    force: f64
-    unit: f64  # of lengths
-    stiffness: f64
 
 
 @wp.func
@@ -59,6 +33,7 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
     TRANSLATION, PROFILE_FACTOR, SINGLE = at.TRANSLATION, at.PROFILE_FACTOR, d is wp.float32
     TIP_FORCE, TIP_MOMENT, GRAVITY = at.TIP_FORCE, at.TIP_MOMENT, at.GRAVITY
     DISTRIBUTED_FORCE, DISTRIBUTED_MOMENT = at.DISTRIBUTED_FORCE, at.DISTRIBUTED_MOMENT
+    Sections = wp.types.vector(length=layout.n, dtype=int)  # one of each rod
 
     @wp.func
     def load_vector(call: wp.ref[Call], t: int, first: int) -> wp.vec3d:
@@ -150,5 +125,6 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
         rod_end=rod_end,
         section_from=section_from,
         section_at=section_at,
+        Sections=Sections,
         load_instance=load_instance,
     )

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.instance import Instance
+from multirod.models.backbone.kernels.layout.arguments import Instance
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
 from multirod.models.backbone.kernels.numbers.lanes import lanes
 

@@ -11,7 +11,7 @@ from multirod.kernels.warp_types import Array, Struct
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.integrate import make_kernel
 from multirod.models.backbone.kernels.integration.walk import SCALARS
-from multirod.models.backbone.kernels.layout.arguments import LANE_SIZE, Call
+from multirod.models.backbone.kernels.layout.arguments import LANE_SIZE, Call, Instance
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import Layout
 
@@ -181,5 +181,6 @@ def deal(call: Struct, layout: Layout, integrator: Integrator, precision: str, d
     call.part_columns = -(-columns // call.parts)
     call.chunk = call.parts * (CHUNK if lanes > 1 else 1)
     call.lane = wp.zeros((threads(call, count) * lanes, LANE_SIZE), dtype=wp.float64, device=device)
+    call.carried = wp.zeros(threads(call, count) * lanes, dtype=Instance, device=device)
     rows = layout.memory(len(integrator.tableau.b)).rows(call.part_columns)
     return wp.zeros((threads(call, count), lanes * rows), dtype=SCALARS[precision], device=device)

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.instance import Instance, bending_stiffness, section_unit
-from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
+from multirod.models.backbone.kernels.instance import bending_stiffness, section_unit
+from multirod.models.backbone.kernels.layout.arguments import Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.layout.rows import InputOffsets
 from multirod.models.backbone.kernels.numbers.scalars import axes_rotation, rotate, rotate_inverse, turn_base
@@ -51,9 +51,12 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         """The base of one instance, as its state and its columns need it."""
 
         q: wp.vec4d
+        M: wp.vec3d  # (10)
         N: wp.vec3d
+        unit: wp.vec3d  # (10) curvature per moment
+        torque_unit: PerRod  # (10) curvature per torque of each rod
         angles: PerRod
-        torques: PerRod  # that twist the rods behind the plate
+        torques: PerRod
         # (9) the rods behind the base plate, from their bases to s = 0
         twist: PerRod  # integral of u*_z
         compliance: PerRod  # integral of 1/GJ
@@ -81,9 +84,9 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return t * upper + lower
 
     @wp.func
-    def unknown_unit(rods: wp.ref[RodTable], case: wp.ref[Instance], i: int) -> wp.vec3d:
+    def unknown_unit(rods: wp.ref[RodTable], case: wp.ref[Instance]) -> wp.vec3d:
         """(10) Curvature per moment, by the first sections: it does not jump when a section is pulled into the base."""
-        result = section_unit(rods, case, i, 0)
+        result = section_unit(rods, case, 0, 0)
         if wp.static(TUBES):
             EI = f64(0.0)
             for j in range(rods.end.shape[1]):
@@ -104,33 +107,30 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         return wp.vec3d(call.problem.unknowns[t, j], call.problem.unknowns[t, j + 1], call.problem.unknowns[t, j + 2])
 
     @wp.func
-    def base_torques(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> PerRod:
+    def base_torques(call: wp.ref[Call], case: wp.ref[Instance], unit: PerRod) -> PerRod:
         """(10) tau_i(0) of several rods."""
         torques = PerRod()
         last = int(wp.static(TORQUES + FIRST))
         for i in range(wp.static(0 if MOMENT else FIRST), last):
-            unit = unknown_unit(rods, case, i)
-            torques[i] = call.problem.unknowns[case.index, wp.static(FIRST_TORQUE) + i] / unit[2]
+            torques[i] = call.problem.unknowns[case.index, wp.static(FIRST_TORQUE) + i] / unit[i]
             if wp.static(CONCENTRIC and not MOMENT):
                 torques[0] = torques[0] - torques[i]
         return torques
 
     @wp.func
-    def base_moment(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> wp.vec3d:
+    def base_moment(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], b: Base) -> wp.vec3d:
         """(10) M(0)."""
         if wp.static(not MOMENT):
             return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-        unit = unknown_unit(rods, case, 0)
         M = unknown_vector(call, case, wp.static(FIRST_MOMENT))
         if wp.static(not TUBES):
             r = case.rods
             M -= wp.vec3d(rods.precurvature[r, 0, 0, 0], rods.precurvature[r, 0, 0, 1], rods.precurvature[r, 0, 0, 2])
-        M = wp.cw_div(M, unit)
+        M = wp.cw_div(M, b.unit)
         if wp.static(TUBES and not WHOLE):
-            torques = base_torques(rods, call, case)
             M[2] = f64(0.0)
             for i in range(rods.end.shape[1]):
-                M[2] = M[2] + torques[i]
+                M[2] = M[2] + b.torques[i]
         return M
 
     @wp.func
@@ -140,11 +140,6 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         factor = f64(1.0)
         if wp.static(TUBES and not HELD):
             factor = wp.sqrt(call.problem.load_factor[case.index])  # raised with the loads, as along the rod
-        if wp.static(TUBES):
-            b.torques = base_torques(rods, call, case)
-        else:
-            M = base_moment(rods, call, case)
-            b.torques[0] = M[2]
         for i in range(rods.end.shape[1]):
             depth = -call.problem.inputs[case.index, wp.static(TRANSLATION) + i]
             if depth >= f64(0.0):
@@ -184,6 +179,15 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     def make_base_of(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance]) -> Base:
         """(9), (10)"""
         b = Base()
+        b.unit = unknown_unit(rods, case)
+        for i in range(rods.end.shape[1]):
+            own = section_unit(rods, case, i, 0)
+            b.torque_unit[i] = own[2]
+        if wp.static(TUBES and TORQUES > 0):
+            b.torques = base_torques(call, case, b.torque_unit)
+        b.M = base_moment(rods, call, case, b)
+        if wp.static(not TUBES):
+            b.torques[0] = b.M[2]
         for i in range(rods.end.shape[1]):
             b.angles[i] = call.problem.inputs[case.index, wp.static(ROTATION) + i]
             if wp.static(not HELD):
@@ -201,7 +205,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         """(9), (10): the state at the base, where the force is n0."""
         y = State()
         if wp.static(MOMENT):
-            M = base_moment(rods, call, case)
+            M = b.M
             if wp.static(FIXED):  # (4b)
                 M = rotate(b.q, M)
             for j in range(3):
@@ -216,9 +220,8 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         for i in range(wp.static(FIRST), rods.end.shape[1]):
             y[wp.static(THETA_AT) + i - wp.static(FIRST)] = b.angles[i] - frame_angle(b)
         if wp.static(TORQUES > 0):
-            torques = base_torques(rods, call, case)
             for i in range(wp.static(FIRST), rods.end.shape[1]):
-                y[wp.static(TAU_AT) + i - wp.static(FIRST)] = torques[i]
+                y[wp.static(TAU_AT) + i - wp.static(FIRST)] = b.torques[i]
         for i in range(wp.static(GRIPS)):
             y[wp.static(GRIPS_AT) + i] = f64(1.0)
         if wp.static(FRAME):
@@ -246,13 +249,11 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
         direction = k - call.unknown_columns
         if direction < 0:
             if k < wp.static(MOMENTS):
-                unit = unknown_unit(rods, case, 0)
                 j = k - wp.static(FIRST_MOMENT)
-                y[M_AT + j] = f64(1.0) / unit[j]
+                y[M_AT + j] = f64(1.0) / b.unit[j]
             if k >= wp.static(MOMENTS) and k < wp.static(LAST_TORQUE):
                 i = k - wp.static(FIRST_TORQUE)
-                unit = unknown_unit(rods, case, i)
-                torque = f64(1.0) / unit[2]
+                torque = f64(1.0) / b.torque_unit[i]
                 others = f64(0.0)  # what the frame of rod 1 takes the other rods' angles back by
                 if wp.static(CONCENTRIC):
                     if wp.static(MOMENT):
@@ -295,7 +296,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
             for j in range(4):
                 y[DQ_AT + j] = dq[j]
             if wp.static(FIXED):  # (18b)
-                m = rotate(b.q, base_moment(rods, call, case))
+                m = rotate(b.q, b.M)
                 dm = rotate(b.q, wp.vec3d(y[M_AT], y[M_AT + 1], y[M_AT + 2])) + wp.cross(axes_rotation(b.q, dq), m)
                 for j in range(3):
                     y[M_AT + j] = dm[j]
@@ -304,6 +305,7 @@ def make_base(layout: Layout, grid: SimpleNamespace) -> SimpleNamespace:
     return SimpleNamespace(
         State=State,
         Column=Column,
+        PerRod=PerRod,
         make_base_of=make_base_of,
         base_force=base_force,
         base_state=base_state,

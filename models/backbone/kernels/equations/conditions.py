@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.instance import Instance, bending_stiffness
-from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
+from multirod.models.backbone.kernels.instance import bending_stiffness
+from multirod.models.backbone.kernels.layout.arguments import Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.layout.members import columns_in_material, drive_places, driven
 from multirod.models.backbone.kernels.layout.rows import InputOffsets

@@ -1,9 +1,9 @@
 # mypy: ignore-errors
 """The tip of a backbone: residual (11) to (13) and its columns, or the wrench of a tip that something else holds (22).
 
-``y`` is the state at the tip and ``v`` a column of it, in SI units; ``s`` is where the last stretch began, ``n_tip`` the force at
-the tip and ``dn`` its column, in the base frame. Functions return a number that is not finite if one of what they write is not.
-Numbers in parentheses are those of ``docs/model.md``.
+``y`` is the state at the tip and ``v`` a column of it, in SI units; ``n_tip`` is the force at the tip and ``dn`` its column, in
+the base frame. Functions return a number that is not finite if one of what they write is not. Numbers in parentheses are those of
+``docs/model.md``.
 """
 
 from types import SimpleNamespace
@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.equations.tip_pose import make_tip_pose
-from multirod.models.backbone.kernels.instance import Instance, bending_stiffness, section_unit
-from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
+from multirod.models.backbone.kernels.instance import bending_stiffness, section_unit
+from multirod.models.backbone.kernels.layout.arguments import Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.layout.rows import InputOffsets
 from multirod.models.backbone.kernels.numbers.scalars import (
@@ -30,7 +30,7 @@ f64 = wp.float64
 def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> SimpleNamespace:
     """Functions that write what the tip says."""
     n, features = layout.n, layout.features
-    State, Column = base.State, base.Column
+    State, Column, PerRod = base.State, base.Column, base.PerRod
     TAU_AT = layout.state["torques"]  # a column's stand alike
     TUBES, MEASURED, FIXED, HELD = layout.TUBES, features.measured, layout.FIXED, features.held
     MOMENT, TORQUES, FIRST, CONCENTRIC = layout.MOMENT, layout.TORQUES, layout.FIRST, not layout.ECCENTRIC
@@ -43,43 +43,51 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     ROTATION, TIP_FORCE, TIP_MOMENT, TIP_CURVATURE = at.ROTATION, at.TIP_FORCE, at.TIP_MOMENT, at.TIP_CURVATURE
     FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
     load_vector, direction_vector = grid.load_vector, grid.direction_vector
-    section_from, section_at = grid.section_from, grid.section_at
+    section_at = grid.section_at
     pose = make_tip_pose(layout, base)
     moment_of, moment_column_of, frame, frame_column = pose.moment_of, pose.moment_column_of, pose.frame, pose.frame_column
     body_moment, body_moment_column = pose.body_moment, pose.body_moment_column
 
-    @wp.func
-    def section_here(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], i: int, s: f64) -> int:
-        return wp.min(section_from(rods, call, case, i, s), rods.end.shape[2] - 1)
+    @wp.struct
+    class Ends:
+        """What the tip's residuals are counted in, and which torques rod 1 hands on."""
 
-    @wp.func
-    def moment_unit(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64, i: int) -> wp.vec3d:
-        """(11) C: curvature per moment."""
-        m = section_here(rods, call, case, i, s)
-        result = section_unit(rods, case, i, m)
+        bending: wp.vec2d  # (11) curvature per moment
+        twist: PerRod  # (11) curvature per torque of each rod
+        force: f64  # (13) L/EI of rod 1
+        compliance: wp.vec3d  # (12) of the one rod
+        beside: PerRod  # 1 of a rod that reaches as far as rod 1, else 0
+
+    @wp.func(inline=False)
+    def find_ends(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64) -> Ends:
+        """Of the sections at s, where the last stretch began; a rod that has ended keeps its last."""
+        ends = Ends()
+        EI = f64(0.0)
+        for i in range(rods.end.shape[1]):
+            m, present = section_at(rods, call, case, i, s)
+            unit = section_unit(rods, case, i, m)
+            EI += present * bending_stiffness(rods, case, i, m)
+            ends.twist[i] = unit[2]
+            if i == 0:
+                ends.bending = wp.vec2d(unit[0], unit[1])
+                ends.force = case.scale / bending_stiffness(rods, case, 0, m)
+                if wp.static(MEASURED):
+                    for j in range(3):
+                        ends.compliance[j] = rods.material[case.rods, 0, m, 3 + j]
+            else:
+                if reaches(rods.end, case.rods, call.problem.inputs, case.index, i, 0):
+                    ends.beside[i] = f64(1.0)
         if wp.static(TUBES):
-            EI = f64(0.0)
-            for j in range(rods.end.shape[1]):
-                k, present = section_at(rods, call, case, j, s)
-                EI += present * bending_stiffness(rods, case, j, k)
-            result[0] = f64(1.0) / EI
-            result[1] = f64(1.0) / EI
-        return result
+            ends.bending = wp.vec2d(f64(1.0) / EI, f64(1.0) / EI)
+        return ends
 
     @wp.func
-    def torque_unit(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64, i: int) -> f64:
-        """The same for the torque of one of several rods."""
-        unit = moment_unit(rods, call, case, s, i)
-        return unit[2]
+    def moment_unit(case: wp.ref[Instance], ends: wp.ref[Ends]) -> wp.vec3d:
+        """(11) C: the last of rod 1, or where axes are fixed of the rod that ends at the tip."""
+        return wp.vec3d(ends.bending[0], ends.bending[1], ends.twist[wp.where(wp.static(FIXED), case.longest, 0)])
 
     @wp.func
-    def force_unit(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64) -> f64:
-        """(13) L/EI at the tip."""
-        m = section_here(rods, call, case, 0, s)
-        return case.scale / bending_stiffness(rods, case, 0, m)
-
-    @wp.func
-    def torque(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, i: int) -> f64:
+    def torque(ends: wp.ref[Ends], y: State, i: int) -> f64:
         """Torque of rod i at its own end.
 
         That of a rod that has ended is constant from there on, and so is what the others leave of M_z.
@@ -90,12 +98,12 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         rest = M[2]
         last = int(wp.static(TORQUES + 1))
         for j in range(1, last):
-            if reaches(rods.end, case.rods, call.problem.inputs, case.index, j, 0):
+            if ends.beside[j] > f64(0.5):
                 rest -= y[wp.static(TAU_AT) + j - 1]
         return rest
 
     @wp.func
-    def torque_column(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, i: int) -> f64:
+    def torque_column(ends: wp.ref[Ends], y: State, v: Column, i: int) -> f64:
         """Its variation."""
         if i >= wp.static(FIRST):
             return v[wp.static(TAU_AT) + i - wp.static(FIRST)]
@@ -103,7 +111,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         rest = dM[2]
         last = int(wp.static(TORQUES + 1))
         for j in range(1, last):
-            if reaches(rods.end, case.rods, call.problem.inputs, case.index, j, 0):
+            if ends.beside[j] > f64(0.5):
                 rest -= v[wp.static(TAU_AT) + j - 1]
         return rest
 
@@ -181,24 +189,18 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         return f64(0.0)
 
     @wp.func
-    def measured_gap(
-        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, s: f64, u_star: wp.vec3d
-    ) -> wp.vec3d:
+    def measured_gap(call: wp.ref[Call], case: wp.ref[Instance], ends: wp.ref[Ends], y: State, u_star: wp.vec3d) -> wp.vec3d:
         """(12): u(L) less what was measured, which is raised with the loads: the unloaded rod is where continuation begins."""
         t = case.index
         j = wp.static(TIP_CURVATURE)
         measured = wp.vec3d(call.problem.inputs[t, j], call.problem.inputs[t, j + 1], call.problem.inputs[t, j + 2])
-        m = section_here(rods, call, case, 0, s)
-        K = wp.vec3d(rods.material[case.rods, 0, m, 3], rods.material[case.rods, 0, m, 4], rods.material[case.rods, 0, m, 5])
-        return wp.cw_mul(K, body_moment(y)) - call.problem.load_factor[t] * (measured - u_star)
+        return wp.cw_mul(ends.compliance, body_moment(y)) - call.problem.load_factor[t] * (measured - u_star)
 
     @wp.func
     def measured_gap_column(
-        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, s: f64, direction: int
+        call: wp.ref[Call], case: wp.ref[Instance], ends: wp.ref[Ends], y: State, v: Column, direction: int
     ) -> wp.vec3d:
-        m = section_here(rods, call, case, 0, s)
-        K = wp.vec3d(rods.material[case.rods, 0, m, 3], rods.material[case.rods, 0, m, 4], rods.material[case.rods, 0, m, 5])
-        gap = wp.cw_mul(K, body_moment_column(y, v))
+        gap = wp.cw_mul(ends.compliance, body_moment_column(y, v))
         if direction >= 0:
             gap -= direction_vector(call, case, direction, TIP_CURVATURE)
         return gap
@@ -206,21 +208,18 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     # ---- (13): the force ----
 
     @wp.func
-    def force_gap(
-        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, s: f64, n_tip: wp.vec3d
-    ) -> wp.vec3d:
+    def force_gap(call: wp.ref[Call], case: wp.ref[Instance], ends: wp.ref[Ends], y: State, n_tip: wp.vec3d) -> wp.vec3d:
         """(13) What the internal force at the tip lacks."""
         N = rotate_inverse(frame(y), n_tip - case.tip_force)
-        return force_unit(rods, call, case, s) * (N - load_vector(call, case.index, FOLLOWER_FORCE_INPUT))
+        return ends.force * (N - load_vector(call, case.index, FOLLOWER_FORCE_INPUT))
 
     @wp.func
     def force_gap_column(
-        rods: wp.ref[RodTable],
         call: wp.ref[Call],
         case: wp.ref[Instance],
+        ends: wp.ref[Ends],
         y: State,
         v: Column,
-        s: f64,
         n_tip: wp.vec3d,
         dn: wp.vec3d,
         direction: int,
@@ -234,7 +233,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         dN = rotate_inverse(q, change) + wp.cross(rotate_inverse(q, n_tip - case.tip_force), dphi)
         if direction >= 0:
             dN -= direction_vector(call, case, direction, FOLLOWER_FORCE_INPUT)
-        return force_unit(rods, call, case, s) * dN
+        return ends.force * dN
 
     # ---- what is written ----
 
@@ -248,38 +247,44 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
 
     @wp.func
     def write_free(
-        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, s: f64, n_tip: wp.vec3d, u_star: wp.vec3d
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        ends: wp.ref[Ends],
+        y: State,
+        n_tip: wp.vec3d,
+        u_star: wp.vec3d,
     ) -> f64:
         """(11) to (13): the residual of a free tip."""
         t = case.index
         total = f64(0.0)
         if wp.static(MEASURED):
-            gap = measured_gap(rods, call, case, y, s, u_star)
+            gap = measured_gap(call, case, ends, y, u_star)
             total += total_magnitude(gap)
             for j in range(3):
                 call.problem.residual[t, wp.static(MOMENT_ROW) + j] = gap[j]
         if wp.static(MOMENT and not MEASURED):
             gap = lacking(call, case, y)
-            unit = moment_unit(rods, call, case, s, wp.where(wp.static(FIXED), case.longest, 0))
+            unit = moment_unit(case, ends)
             if wp.static(FIXED):
                 for j in range(3):
                     call.problem.residual[t, moment_row(case, j)] = unit[j] * gap[j]
             else:
                 if wp.static(SHARED):
-                    gap[2] = torque(rods, call, case, y, 0) - follower_torque(call, case, 0)
+                    gap[2] = torque(ends, y, 0) - follower_torque(call, case, 0)
                 for j in range(3):
                     call.problem.residual[t, wp.static(MOMENT_ROW) + j] = unit[j] * gap[j]
             total += total_magnitude(gap)
         for i in range(wp.static(FIRST_LACK), rods.end.shape[1]):
             if wp.static(TORQUES > 0 and not MEASURED):
                 if wp.static(not FIXED or not CONCENTRIC) or i != case.longest:
-                    lack = torque(rods, call, case, y, i)
+                    lack = torque(ends, y, i)
                     if wp.static(not FIXED):
                         lack -= follower_torque(call, case, i)
-                    call.problem.residual[t, wp.static(TORQUE_ROW - FIRST) + i] = torque_unit(rods, call, case, s, i) * lack
+                    call.problem.residual[t, wp.static(TORQUE_ROW - FIRST) + i] = ends.twist[i] * lack
                     total += wp.abs(lack)
         if wp.static(FREE_FORCE):
-            pull = force_gap(rods, call, case, y, s, n_tip)
+            pull = force_gap(call, case, ends, y, n_tip)
             total += total_magnitude(pull)
             for j in range(3):
                 call.problem.residual[t, wp.static(FORCE_ROW) + j] = pull[j]
@@ -290,9 +295,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         rods: wp.ref[RodTable],
         call: wp.ref[Call],
         case: wp.ref[Instance],
+        ends: wp.ref[Ends],
         y: State,
         v: Column,
-        s: f64,
         n_tip: wp.vec3d,
         dn: wp.vec3d,
         k: int,
@@ -301,32 +306,32 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         total = f64(0.0)
         direction = k - call.unknown_columns
         if wp.static(MEASURED):
-            gap = measured_gap_column(rods, call, case, y, v, s, direction)
+            gap = measured_gap_column(call, case, ends, y, v, direction)
             total += total_magnitude(gap)
             for j in range(3):
                 write_entry(call, case, wp.static(MOMENT_ROW) + j, k, gap[j])
         if wp.static(MOMENT and not MEASURED):
             gap = lacking_column(call, case, y, v, direction)
-            unit = moment_unit(rods, call, case, s, wp.where(wp.static(FIXED), case.longest, 0))
+            unit = moment_unit(case, ends)
             if wp.static(FIXED):
                 for j in range(3):
                     write_entry(call, case, moment_row(case, j), k, unit[j] * gap[j])
             else:
                 if wp.static(SHARED):
-                    gap[2] = torque_column(rods, call, case, y, v, 0) - follower_torque_rate(call, case, 0, direction)
+                    gap[2] = torque_column(ends, y, v, 0) - follower_torque_rate(call, case, 0, direction)
                 for j in range(3):
                     write_entry(call, case, wp.static(MOMENT_ROW) + j, k, unit[j] * gap[j])
             total += total_magnitude(gap)
         for i in range(wp.static(FIRST_LACK), rods.end.shape[1]):
             if wp.static(TORQUES > 0 and not MEASURED):
                 if wp.static(not FIXED or not CONCENTRIC) or i != case.longest:
-                    lack = torque_column(rods, call, case, y, v, i)
+                    lack = torque_column(ends, y, v, i)
                     if wp.static(not FIXED):
                         lack -= follower_torque_rate(call, case, i, direction)
-                    write_entry(call, case, wp.static(TORQUE_ROW - FIRST) + i, k, torque_unit(rods, call, case, s, i) * lack)
+                    write_entry(call, case, wp.static(TORQUE_ROW - FIRST) + i, k, ends.twist[i] * lack)
                     total += wp.abs(lack)
         if wp.static(FREE_FORCE):
-            pull = force_gap_column(rods, call, case, y, v, s, n_tip, dn, direction)
+            pull = force_gap_column(call, case, ends, y, v, n_tip, dn, direction)
             total += total_magnitude(pull)
             for j in range(3):
                 write_entry(call, case, wp.static(FORCE_ROW) + j, k, pull[j])
@@ -342,7 +347,13 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
 
     @wp.func(inline=False)
     def write_held(
-        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], y: State, s: f64, n_tip: wp.vec3d, u_star: wp.vec3d
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        ends: wp.ref[Ends],
+        y: State,
+        n_tip: wp.vec3d,
+        u_star: wp.vec3d,
     ) -> f64:
         """(22): the wrench of a held tip, and the torques of the rods that end before it."""
         t = case.index
@@ -357,9 +368,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         for i in range(rods.end.shape[1]):
             if wp.static(TUBES):
                 if i != case.longest:
-                    call.problem.residual[t, free_row(case, i)] = torque_unit(rods, call, case, s, i) * torque(
-                        rods, call, case, y, i
-                    )
+                    call.problem.residual[t, free_row(case, i)] = ends.twist[i] * torque(ends, y, i)
         return total_magnitude(force) + total_magnitude(moment)
 
     @wp.func
@@ -367,9 +376,9 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         rods: wp.ref[RodTable],
         call: wp.ref[Call],
         case: wp.ref[Instance],
+        ends: wp.ref[Ends],
         y: State,
         v: Column,
-        s: f64,
         n_tip: wp.vec3d,
         dn: wp.vec3d,
         k: int,
@@ -388,9 +397,11 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         for i in range(rods.end.shape[1]):
             if wp.static(TUBES):
                 if i != case.longest:
-                    value = torque_unit(rods, call, case, s, i) * torque_column(rods, call, case, y, v, i)
+                    value = ends.twist[i] * torque_column(ends, y, v, i)
                     write_entry(call, case, free_row(case, i), k, value)
         return total_magnitude(dm)
 
     write_tip, write_tip_column = (write_held, write_held_column) if HELD else (write_free, write_free_column)
-    return SimpleNamespace(**(vars(pose) | {"write_tip": write_tip, "write_tip_column": write_tip_column}))
+    return SimpleNamespace(
+        **(vars(pose) | {"find_ends": find_ends, "write_tip": write_tip, "write_tip_column": write_tip_column})
+    )

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.instance import Instance
-from multirod.models.backbone.kernels.layout.arguments import Call
+from multirod.models.backbone.kernels.layout.arguments import Call, Instance
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.numbers.scalars import (
     axes_rotation,

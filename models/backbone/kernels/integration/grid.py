@@ -13,7 +13,7 @@ import warp as wp
 from multirod.models.backbone.kernels.along import make_given_places
 from multirod.models.backbone.kernels.design import make_design_grid
 from multirod.models.backbone.kernels.equations.conditions import make_conditions
-from multirod.models.backbone.kernels.instance import Instance, make_geometry
+from multirod.models.backbone.kernels.instance import make_geometry
 from multirod.models.backbone.kernels.integration.distributed import make_distributed
 from multirod.models.backbone.kernels.layout.arguments import (
     END,
@@ -26,6 +26,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
     STOP,
     STRETCH_END,
     Call,
+    Instance,
     RodTable,
 )
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
@@ -64,7 +65,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
     geometry = make_geometry(layout, d)
     load_vector, direction_vector, moved = geometry.load_vector, geometry.direction_vector, geometry.moved
     section_end, rod_end = geometry.section_end, geometry.rod_end
-    section_from, section_at = geometry.section_from, geometry.section_at
+    section_from, section_at, Sections = geometry.section_from, geometry.section_at, geometry.Sections
 
     # ---- nodes ----
 
@@ -91,15 +92,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         call.lane[p, END] = s
 
     @wp.func(inline=False)
-    def find_end(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int):
+    def find_end(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], p: int, sections: Sections):
         """The end of a stretch, the nearest end of a section or piece of profile, or the tip; and where the lane stops next."""
         start = call.lane[p, START]
         s = case.length
         mover = case.longest
         for i in range(rods.end.shape[1]):
-            m = section_from(rods, call, case, i, start)
-            if m < rods.end.shape[2]:
-                end = section_end(rods, call, case, i, m)
+            if sections[i] < rods.end.shape[2]:
+                end = section_end(rods, call, case, i, sections[i])
                 if end < s:
                     s = end
                     mover = i
@@ -125,6 +125,13 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         return value
 
     @wp.func
+    def relative(case: wp.ref[Instance], EI: f64) -> f64:
+        """A stiffness, likewise."""
+        if wp.static(SINGLE):
+            return EI / case.stiffness
+        return EI
+
+    @wp.func
     def set_number(memory: memory_type, row: int, l: int, a: f64):
         set_lane(memory, row, l, d(a))
 
@@ -144,7 +151,14 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def load_sections(
-        rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, o: int, l: int, s: f64
+        rods: wp.ref[RodTable],
+        call: wp.ref[Call],
+        case: wp.ref[Instance],
+        memory: memory_type,
+        o: int,
+        l: int,
+        s: f64,
+        sections: Sections,
     ):
         """Stiffness and precurvature of each rod from s on; a rod that has ended keeps its last section."""
         z = o + wp.static(Z)
@@ -156,22 +170,24 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         EI = f64(0.0)
         stiffness = f64(0.0)
         for i in range(rods.end.shape[1]):
-            m, present = section_at(rods, call, case, i, s)
+            m = wp.min(sections[i], rods.end.shape[2] - 1)
+            present = wp.where(sections[i] == m, f64(1.0), f64(0.0))
             EI_x = rods.material[case.rods, i, m, 0]
             EI_y = rods.material[case.rods, i, m, 1]
             EI += present * EI_x
             stiffness += present * wp.max(EI_x, EI_y)
             if wp.static(SEVERAL):
                 set_number(memory, z + wp.static(z_at("present")) + i, l, present)
-                set_number(memory, z + wp.static(z_at("bending")) + i, l, present * EI_x / case.stiffness)
+                set_number(memory, z + wp.static(z_at("bending")) + i, l, relative(case, present * EI_x))
                 set_number(
                     memory, z + wp.static(z_at("torsion")) + i, l, present * rods.material[case.rods, i, m, 5] * case.stiffness
                 )
                 if wp.static(ANISOTROPIC):
-                    set_number(memory, z + wp.static(z_at("bending_y")) + i, l, present * EI_y / case.stiffness)
+                    set_number(memory, z + wp.static(z_at("bending_y")) + i, l, relative(case, present * EI_y))
                 if wp.static(ECCENTRIC):
                     for j in range(2):
-                        offset = rods.material[case.rods, i, m, wp.static(MATERIAL_SIZE) + j] / case.unit
+                        offset = rods.material[case.rods, i, m, wp.static(MATERIAL_SIZE) + j]
+                        offset = counted(case, offset, f64(0.0), f64(1.0))
                         set_number(memory, z + wp.static(z_at("offset")) + 2 * i + j, l, offset)
                     sheath = rods.material[case.rods, 0, 0, wp.static(MATERIAL_SIZE) + 2] * case.stiffness
                     set_number(memory, z + wp.static(z_at("sheath")), l, sheath)
@@ -194,18 +210,20 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
                 slope = f64(0.0)
                 if end > begin:
                     slope = f64(2.0) / (end - begin)
-                set_number(memory, z + wp.static(z_at("centre")) + i, l, centre / case.unit)
+                set_number(memory, z + wp.static(z_at("centre")) + i, l, counted(case, centre, f64(0.0), f64(1.0)))
                 set_number(memory, z + wp.static(z_at("slope")) + i, l, slope * case.unit)
         if wp.static(MEMBERS):
             load_members(rods, call, case, memory, z, l, s)
         if wp.static(LOADS):
-            set_number(memory, z + wp.static(z_at("from_base")), l, s / case.unit)
+            set_number(memory, z + wp.static(z_at("from_base")), l, counted(case, s, f64(0.0), f64(1.0)))
             load_acting(rods, call, case, memory, z, l, s)
         if wp.static(SEVERAL):
             set_number(memory, z + wp.static(z_at("softness")), l, case.stiffness / EI)
-        set_number(memory, z + wp.static(z_at("unit_moment")), l, stiffness / case.scale / case.moment)
-        set_number(memory, z + wp.static(z_at("unit_force")), l, stiffness / (case.scale * case.scale) / case.force)
-        set_number(memory, z + wp.static(z_at("unit_length")), l, case.scale / case.unit)
+        moment = counted(case, stiffness / case.scale, f64(1.0), f64(1.0))
+        force = counted(case, stiffness / (case.scale * case.scale), f64(1.0), f64(0.0))
+        set_number(memory, z + wp.static(z_at("unit_moment")), l, moment)
+        set_number(memory, z + wp.static(z_at("unit_force")), l, force)
+        set_number(memory, z + wp.static(z_at("unit_length")), l, counted(case, case.scale, f64(0.0), f64(1.0)))
 
     @wp.func
     def load_directions(
@@ -279,8 +297,11 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
             call.lane[p, END_MOVER] = call.lane[p - 1, END_MOVER]
             find_stop(rods, call, case, p)  # the other may have begun earlier, and be past the first stop
         else:
-            find_end(rods, call, case, p)
-            load_sections(rods, call, case, memory, o, l, start)
+            sections = Sections()
+            for i in range(rods.end.shape[1]):
+                sections[i] = section_from(rods, call, case, i, start)
+            find_end(rods, call, case, p, sections)
+            load_sections(rods, call, case, memory, o, l, start, sections)
             if wp.static(WORLD_FORCE):
                 n0 = wp.vec3d(call.lane[p, FORCE], call.lane[p, wp.static(FORCE + 1)], call.lane[p, wp.static(FORCE + 2)])
                 set_vector(memory, z + wp.static(z_at("force")), l, n0 / case.force)
@@ -316,11 +337,11 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     moved_by_inputs, mass_rate_until = moved, None
     if features.along:
-        places = make_given_places(SimpleNamespace(section_from=section_from, section_end=section_end, find_end=find_end))
+        places = make_given_places(SimpleNamespace(Sections=Sections, section_end=section_end, find_end=find_end))
         output_arclength, find_end = places.output_arclength, places.find_end
     if layout.DESIGN:
         known = SimpleNamespace(
-            section_from=section_from,
+            Sections=Sections,
             section_at=section_at,
             section_end=section_end,
             set_number=set_number,

@@ -17,9 +17,8 @@ import warp as wp
 
 from multirod.integrators import Tableau
 from multirod.kernels.own_module import own_module
-from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.integration.walk import SCALARS, make_carry, make_parts
-from multirod.models.backbone.kernels.layout.arguments import FAULT, Call, RodTable
+from multirod.models.backbone.kernels.layout.arguments import FAULT, Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.numbers.scalars import rotate_inverse
 from multirod.status import Fault
@@ -36,7 +35,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
     first_column, column_count, begin, onto_stretch = own.first_column, own.column_count, own.begin, own.onto_stretch
     force_at, precurvature_here, step_count, cause = own.force_at, own.precurvature_here, own.step_count, own.cause
     make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
-    write_tip, write_tip_column = tip.write_tip, tip.write_tip_column
+    find_ends, write_tip, write_tip_column = tip.find_ends, tip.write_tip, tip.write_tip_column
     write_pose, write_pose_column = tip.write_pose, tip.write_pose_column
     write_momenta = nodes.write_tip_column
     state_in, column_in, force_column_in = record.state_in, record.column_in, record.force_column_in
@@ -114,12 +113,13 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
         """What a lane has found at the tip; its last stretch began at s."""
         t = case.index
         y = state_in(case, memory, o, l)
+        ends = find_ends(rods, call, case, s)
         n_tip = force_at(call, p)
         if wp.static(WORLD_STATE):
             n_tip = wp.vec3d(y[WORLD_AT], y[WORLD_AT + 1], y[WORLD_AT + 2])
         total = f64(0.0)
         if job % call.parts == 0:
-            total += write_tip(rods, call, case, y, s, n_tip, precurvature_here(case, memory, o, l))
+            total += write_tip(rods, call, case, ends, y, n_tip, precurvature_here(case, memory, o, l))
             if wp.static(CONDITIONS > 0):
                 total += write_conditions(rods, call, case, y)
             write_pose(call, case, y)
@@ -133,7 +133,7 @@ def make_kernel(features: Features, tableau: Tableau, precision: str = "float64"
             dn = force_column_in(case, memory, o, l, c)
             if wp.static(WORLD_STATE):
                 dn = wp.vec3d(v[WORLD_AT], v[WORLD_AT + 1], v[WORLD_AT + 2])
-            total += write_tip_column(rods, call, case, y, v, s, n_tip, dn, first + c)
+            total += write_tip_column(rods, call, case, ends, y, v, n_tip, dn, first + c)
             if wp.static(CONDITIONS > 0):
                 total += write_condition_column(rods, call, case, v, first + c)
             write_pose_column(call, case, y, v, first + c)

@@ -15,9 +15,8 @@ import warp as wp
 
 from multirod.integrators import Tableau
 from multirod.kernels.own_module import own_module
-from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.integration.walk import make_carry, make_parts
-from multirod.models.backbone.kernels.layout.arguments import FAULT, OUTPUT, STOP, Call, RodTable
+from multirod.models.backbone.kernels.layout.arguments import FAULT, OUTPUT, STOP, Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import breakpoint_state
 from multirod.models.backbone.kernels.numbers.scalars import axes_rotation, body_rotation, rotate, rotate_inverse
@@ -57,7 +56,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     load_until, load_rate_until, output_arclength = grid.load_until, grid.load_rate_until, grid.output_arclength
     make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
     unknown_unit, base_force_unit = base.unknown_unit, base.force_unit
-    write_tip, write_tip_column = tip.write_tip, tip.write_tip_column
+    find_ends, write_tip, write_tip_column = tip.find_ends, tip.write_tip, tip.write_tip_column
     frame, frame_column = tip.frame, tip.frame_column
     body_moment, body_moment_column = tip.body_moment, tip.body_moment_column
     state_in, column_in, force_column_in = record.state_in, record.column_in, record.force_column_in
@@ -197,11 +196,10 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             if wp.static(COLUMN_FRAME):
                 if k < call.unknown_columns:
                     if wp.static(FIXED):  # the moment's columns as the frame sees them
-                        unit = unknown_unit(rods, case, 0)
                         for j in range(3):
                             v[M_AT + j] = f64(0.0)
                             if k == wp.static(BENT) + j:
-                                v[M_AT + j] = f64(1.0) / unit[j]
+                                v[M_AT + j] = f64(1.0) / b.unit[j]
                     v = varied(rods, case, b.q, y, v, k)
                 else:
                     if given:
@@ -262,13 +260,14 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         """What a lane has found where its segment ends, and the residual, if that is the tip."""
         t = job // call.parts
         y = state_in(case, memory, o, l)
+        ends = find_ends(rods, call, case, s)
         n_end = force_at(call, p)
         if wp.static(WORLD_STATE or BY_PLACE):
             base = make_base_of(rods, call, case)
         if wp.static(WORLD_STATE):
             n_end = wp.vec3d(y[WORLD_AT], y[WORLD_AT + 1], y[WORLD_AT + 2])
         q = frame(y)
-        unit = unknown_unit(rods, case, 0)
+        unit = unknown_unit(rods, case)
         total = f64(0.0)
         if job % call.parts == 0:
             M = body_moment(y)
@@ -291,7 +290,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                 for i in range(wp.static(LENGTHS)):
                     seg.line_length[t, i] = y[wp.static(LENGTHS_AT) + i]
             if seg.at_tip[t] == 1:
-                total += write_tip(rods, call, case, y, s, n_end, precurvature_here(case, memory, o, l))
+                total += write_tip(rods, call, case, ends, y, n_end, precurvature_here(case, memory, o, l))
                 if wp.static(CONDITIONS > 0):
                     total += write_conditions(rods, call, case, y)
             seg.fault[t] = int(call.lane[p, FAULT])
@@ -323,7 +322,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                 for j in range(3):
                     seg.columns[t, wp.static(PLACE) + j, k] = place[j]
             if seg.at_tip[t] == 1:
-                total += write_tip_column(rods, call, case, y, v, s, n_end, dn, k)
+                total += write_tip_column(rods, call, case, ends, y, v, n_end, dn, k)
                 if wp.static(CONDITIONS > 0):
                     total += write_condition_column(rods, call, case, v, k)
         if not wp.isfinite(total):

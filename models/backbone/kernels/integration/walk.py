@@ -15,7 +15,6 @@ from multirod.models.backbone.kernels.along import make_along
 from multirod.models.backbone.kernels.equations.base import make_base
 from multirod.models.backbone.kernels.equations.rates import make_rates
 from multirod.models.backbone.kernels.equations.tip import make_tip
-from multirod.models.backbone.kernels.instance import Instance
 from multirod.models.backbone.kernels.integration.grid import make_grid
 from multirod.models.backbone.kernels.integration.nodes import make_nodes
 from multirod.models.backbone.kernels.integration.steps import make_steps
@@ -32,6 +31,7 @@ from multirod.models.backbone.kernels.layout.arguments import (
     STOP,
     STRETCH_END,
     Call,
+    Instance,
     RodTable,
 )
 from multirod.models.backbone.kernels.layout.features import Features
@@ -321,6 +321,17 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
     NODES, MEASURED = own.layout.NODES, features.measured
 
     @wp.func
+    def take_up(rods: wp.ref[RodTable], call: wp.ref[Call], jobs: wp.ref[Jobs], l: int, p: int, job: int):
+        """The instance of a lane's job; the lane before may carry another part of it."""
+        before = int(-1)
+        if l > 0:
+            before = int(call.lane[p - 1, JOB])
+        if before >= 0 and before // call.parts == job // call.parts:
+            call.carried[p] = call.carried[p - 1]
+        else:
+            call.carried[p] = load_instance(rods, call, instance_of(call, jobs, job // call.parts))
+
+    @wp.func
     def attend(
         rods: wp.ref[RodTable],
         call: wp.ref[Call],
@@ -347,18 +358,18 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
                 else:
                     fresh = int(3)
             if job >= 0:
-                case = load_instance(rods, call, instance_of(call, jobs, job // call.parts))
                 if fresh == 1:
-                    enter(rods, call, jobs, case, memory, o, l, p, job)
+                    take_up(rods, call, jobs, l, p, job)
+                    enter(rods, call, jobs, call.carried[p], memory, o, l, p, job)
                 else:
                     s = call.lane[p, START]
                     if call.lane[p, FAULT] == f64(0.0):
-                        at_end(rods, call, case, memory, o, l, p, job)
+                        at_end(rods, call, call.carried[p], memory, o, l, p, job)
                     if not (call.lane[p, START] < call.lane[p, STOP]) or call.lane[p, FAULT] != f64(0.0):
-                        finish(rods, call, jobs, case, memory, o, l, p, job, s)
+                        finish(rods, call, jobs, call.carried[p], memory, o, l, p, job, s)
                         job = -1
                 if job >= 0:
-                    go_on(rods, call, jobs, case, memory, o, l, p, job)
+                    go_on(rods, call, jobs, call.carried[p], memory, o, l, p, job)
                     fresh = int(2)
         if job < 0:
             wait(memory, o, l)
@@ -391,9 +402,8 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
                         place_here(memory, o)
                         for l in range(wp.static(W)):
                             if at_base(call, memory, o, l, p + l):
-                                job = int(call.lane[p + l, JOB])
-                                case = load_instance(rods, call, instance_of(call, jobs, job // call.parts))
-                                write_node(rods, call, case, memory, o, l, state_in(case, memory, o, l), 0, f64(0.0))
+                                y = state_in(call.carried[p + l], memory, o, l)
+                                write_node(rods, call, call.carried[p + l], memory, o, l, y, 0, f64(0.0))
             if busy == 1:
                 advance(call, memory, o, p)
 

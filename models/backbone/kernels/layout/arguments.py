@@ -31,6 +31,32 @@ class TipWrench:
 
 
 @wp.struct
+class Instance:
+    """One instance: its geometry, and its loads in the base frame."""
+
+    index: int  # in the batch
+    rods: int  # row of ``RodTable``
+    direction: int  # row of ``ProblemArrays.directions``
+    base_position: wp.vec3d
+    base_rotation: wp.mat33d
+    to_base: wp.mat33d  # its transpose
+    length: wp.float64
+    longest: int  # the rod that ends at the tip
+    scale: wp.float64  # what counts as one in positions
+    tip_force: wp.vec3d
+    tip_moment: wp.vec3d
+    distributed_force: wp.vec3d
+    distributed_moment: wp.vec3d
+    gravity: wp.vec3d
+    profile_factor: wp.float64
+    # what numbers in lanes are counted in: SI units, or natural ones in single precision, which ends at 1e38
+    moment: wp.float64
+    force: wp.float64
+    unit: wp.float64  # of lengths
+    stiffness: wp.float64
+
+
+@wp.struct
 class Call:
     """What one launch reads and writes; the first axis is the batch."""
 
@@ -53,6 +79,7 @@ class Call:
     part_columns: int  # columns of a lane
     chunk: int  # lanes' jobs, an instance's part each, of a thread
     lane: wp.array2d[wp.float64]  # (lane, LANE_SIZE): where each stands
+    carried: wp.array[Instance]  # (lane,): of which instance each has a job
     # outputs
     node_arclength: wp.array2d[wp.float64]  # (batch, node)
     node_position: wp.array2d[wp.vec3d]

@@ -10,8 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from multirod.models.backbone.kernels.instance import Instance
-from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
+from multirod.models.backbone.kernels.layout.arguments import Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.slots import Slot
 from multirod.validation import FloatArray
 

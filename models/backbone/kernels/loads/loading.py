@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.design import make_section_vector
-from multirod.models.backbone.kernels.instance import Instance
-from multirod.models.backbone.kernels.layout.arguments import Call, RodTable
+from multirod.models.backbone.kernels.layout.arguments import Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.layout.members import loads_in_material
 from multirod.models.backbone.kernels.layout.rows import InputOffsets

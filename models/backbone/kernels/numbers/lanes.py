@@ -22,14 +22,14 @@ def fused(body: str) -> str:
     return f'{{ _Pragma("clang fp contract(fast)") {body} }}'
 
 
-def _vector(W: int, d, name: str = "V") -> str:
+def vector(W: int, d, name: str = "V") -> str:
     """C++ of the vector type; memory that Warp gives is aligned to its numbers only."""
     aligned = 8 if d is wp.float64 else 4
     return f"typedef {NAMES[d]} {name} __attribute__((ext_vector_type({W}), aligned({aligned}), may_alias)); "
 
 
 def _returned(W: int, d) -> str:
-    return _vector(W, d) + f"wp::vec_t<{W},{NAMES[d]}> r; V& o = *(V*)r.c; "
+    return vector(W, d) + f"wp::vec_t<{W},{NAMES[d]}> r; V& o = *(V*)r.c; "
 
 
 A, B = "(*(const V*)a.c)", "(*(const V*)b.c)"
@@ -110,16 +110,13 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
     if W == 1:
         V = f"typedef {t} V; "
         H, a_, b_, x_, y_, v_, h_ = f"{V} V r; V& o = r; ", "a", "b", "x", "y", "v", "h"
-        least_, floor_, abs_, sqrt_, any_ = "a < b", "floor(a)", "fabs(a)", "sqrt(a)", "return a < b;"
+        least_, abs_, sqrt_, any_ = "a < b", "fabs(a)", "sqrt(a)", "return a < b;"
         whole, to_whole = f"typedef {integer} I; typedef {t} U; ", "(I)({})"
         of_whole = "(U)({})"
     else:
-        V = _vector(W, d)
+        V = vector(W, d)
         H, (a_, b_, x_, y_, v_, h_) = _returned(W, d), (f"(*(const V*){name}.c)" for name in "abxyvh")
-        least_, floor_, abs_, sqrt_ = (
-            f"{a_} < {b_}",
-            *(f"__builtin_elementwise_{name}({a_})" for name in ("floor", "abs", "sqrt")),
-        )
+        least_, abs_, sqrt_ = f"{a_} < {b_}", *(f"__builtin_elementwise_{name}({a_})" for name in ("abs", "sqrt"))
         any_ = f"auto m = {a_} < {b_}; return __builtin_reduce_or(m) != 0;"
         whole = (
             f"typedef {integer} I __attribute__((ext_vector_type({W}))); typedef {t} U __attribute__((ext_vector_type({W}))); "
@@ -130,9 +127,6 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         # Clang uses the widest vectors of a processor only in functions that take them by value, and in what
         # such are inlined into
         loaded = f"[](V a) __attribute__((always_inline)) {{ return a; }}({loaded})"
-
-    @wp.func_native(fused(f"{H} o = {floor_}; return r;"))
-    def floor(a: Real) -> Real: ...
 
     @wp.func_native(fused(f"{H} o = {abs_}; return r;"))
     def absolute(a: Real) -> Real: ...
@@ -326,7 +320,6 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         W=W,
         d=d,
         Real=Real,
-        floor=floor,
         absolute=absolute,
         root=root,
         largest=largest,

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone.kernels.numbers.angles import make_cosine_and_sine
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
 
 
@@ -14,7 +15,6 @@ def vectors(W: int, d=wp.float64) -> SimpleNamespace:
     """``Vec3``, ``Frame``, and their functions."""
     L = lanes(W, d)
     Real, fill = L.Real, L.fill
-    floor, where_less = L.floor, L.where_less
     memory_type = wp.array(dtype=d)
     row, put = L.row, L.put
 
@@ -110,74 +110,6 @@ def vectors(W: int, d=wp.float64) -> SimpleNamespace:
             f.two * (f.w * dr.z - dw * f.r.z - c.z),
         )
 
-    if d is wp.float64:
-
-        @wp.func
-        def reduced(angle: Real, k: Real) -> Real:
-            """The angle less k pi/2, which has two parts: k of the first is exact."""
-            return (angle - k * d(1.5707963267341256)) - k * d(6.077100506506192e-11)
-
-        @wp.func
-        def sine_of(r: Real, z: Real) -> Real:
-            """sin(r) where |r| <= pi/4 and z = r^2: Sun's fdlibm."""
-            p = z * d(1.58969099521155010221e-10) - d(2.50507602534068634195e-08)
-            p = z * p + d(2.75573137070700676789e-06)
-            p = z * p - d(1.98412698298579493134e-04)
-            p = z * p + d(8.33333333332248946124e-03)
-            p = z * p - d(1.66666666666666324348e-01)
-            return r + r * z * p
-
-        @wp.func
-        def cosine_of(z: Real) -> Real:
-            """cos(r), likewise."""
-            p = d(2.08757232129817482790e-09) - z * d(1.13596475577881948265e-11)
-            p = z * p - d(2.75573143513906633035e-07)
-            p = z * p + d(2.48015872894767294178e-05)
-            p = z * p - d(1.38888888888741095749e-03)
-            p = z * p + d(4.16666666666666019037e-02)
-            return d(1.0) - d(0.5) * z + z * z * p
-
-    else:
-
-        @wp.func
-        def reduced(angle: Real, k: Real) -> Real:
-            """The angle less k pi/2, which has three parts: k of the first two is exact."""
-            r = (angle - k * d(1.5703125)) - k * d(4.837512969970703125e-4)
-            return r - k * d(7.54978995489188216e-8)
-
-        @wp.func
-        def sine_of(r: Real, z: Real) -> Real:
-            """sin(r) where |r| <= pi/4 and z = r^2: Moshier's Cephes, for 24 bits."""
-            p = d(8.3321608736e-3) - z * d(1.9515295891e-4)
-            p = z * p - d(1.6666654611e-1)
-            return r + r * z * p
-
-        @wp.func
-        def cosine_of(z: Real) -> Real:
-            """cos(r), likewise."""
-            p = z * d(2.443315711809948e-5) - d(1.388731625493765e-3)
-            p = z * p + d(4.166664568298827e-2)
-            return d(1.0) - d(0.5) * z + z * z * p
-
-    @wp.func
-    def cosine_and_sine(angle: Real):
-        """cos and sin together: reduced by multiples of pi/2, then minimax polynomials; no branch, so lanes stay together."""
-        k = floor(angle * d(0.6366197723675814) + d(0.5))
-        r = reduced(angle, k)
-        z = r * r
-        sine = sine_of(r, z)
-        cosine = cosine_of(z)
-        h = d(0.5) * k
-        odd = h - floor(h)  # 0 or 1/2
-        h = d(0.5) * floor(h)
-        lower = h - floor(h)  # 1/2 in quadrants 2 and 3
-        h = d(0.5) * floor(d(0.5) * (k + d(1.0)))
-        left = h - floor(h)  # 1/2 in quadrants 1 and 2
-        quarter = fill(d(0.25))
-        c = where_less(odd, quarter, cosine, sine)
-        s = where_less(odd, quarter, sine, cosine)
-        return c - d(4.0) * left * c, s - d(4.0) * lower * s
-
     return SimpleNamespace(
         Vec3=Vec3,
         Frame=Frame,
@@ -196,5 +128,5 @@ def vectors(W: int, d=wp.float64) -> SimpleNamespace:
         rotate_inverse=rotate_inverse,
         tangent=tangent,
         body_rotation=body_rotation,
-        cosine_and_sine=cosine_and_sine,
+        cosine_and_sine=make_cosine_and_sine(W, d),
     )
