@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from multirod.models.backbone.kernels.layout.arguments import Call, Instance, RodTable
+from multirod.models.backbone.kernels.layout.arguments import JOB, Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.layout.rows import InputOffsets
 from multirod.models.backbone.kernels.tips import longest_of, tip_of
@@ -117,6 +117,17 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
             case.force = case.moment / case.scale
         return case
 
+    @wp.func
+    def take_up(rods: wp.ref[RodTable], call: wp.ref[Call], t: int, l: int, p: int, job: int):
+        """An instance for a lane that begins its job; the lane before may carry another part of it."""
+        before = int(-1)
+        if l > 0:
+            before = int(call.lane[p - 1, JOB])
+        if before >= 0 and before // call.parts == job // call.parts:
+            call.carried[p] = call.carried[p - 1]
+        else:
+            call.carried[p] = load_instance(rods, call, t)
+
     return SimpleNamespace(
         load_vector=load_vector,
         direction_vector=direction_vector,
@@ -126,5 +137,5 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
         section_from=section_from,
         section_at=section_at,
         Sections=Sections,
-        load_instance=load_instance,
+        take_up=take_up,
     )

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from multirod.models.backbone.kernels.equations.tip_pose import make_tip_pose
-from multirod.models.backbone.kernels.instance import bending_stiffness, section_unit
+from multirod.models.backbone.kernels.equations.tip_units import make_tip_units
 from multirod.models.backbone.kernels.layout.arguments import Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.layout.rows import InputOffsets
@@ -22,7 +22,6 @@ from multirod.models.backbone.kernels.numbers.scalars import (
     total_magnitude,
     turned_about_z,
 )
-from multirod.models.backbone.kernels.tips import reaches
 
 f64 = wp.float64
 
@@ -30,7 +29,7 @@ f64 = wp.float64
 def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> SimpleNamespace:
     """Functions that write what the tip says."""
     n, features = layout.n, layout.features
-    State, Column, PerRod = base.State, base.Column, base.PerRod
+    State, Column = base.State, base.Column
     TAU_AT = layout.state["torques"]  # a column's stand alike
     TUBES, MEASURED, FIXED, HELD = layout.TUBES, features.measured, layout.FIXED, features.held
     MOMENT, TORQUES, FIRST, CONCENTRIC = layout.MOMENT, layout.TORQUES, layout.FIRST, not layout.ECCENTRIC
@@ -43,43 +42,11 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     ROTATION, TIP_FORCE, TIP_MOMENT, TIP_CURVATURE = at.ROTATION, at.TIP_FORCE, at.TIP_MOMENT, at.TIP_CURVATURE
     FOLLOWER_FORCE_INPUT, FOLLOWER_MOMENT_INPUT = at.FOLLOWER_FORCE, at.FOLLOWER_MOMENT
     load_vector, direction_vector = grid.load_vector, grid.direction_vector
-    section_at = grid.section_at
+    found = make_tip_units(layout, base, grid)
+    Ends, find_ends = found.Ends, found.find_ends
     pose = make_tip_pose(layout, base)
     moment_of, moment_column_of, frame, frame_column = pose.moment_of, pose.moment_column_of, pose.frame, pose.frame_column
     body_moment, body_moment_column = pose.body_moment, pose.body_moment_column
-
-    @wp.struct
-    class Ends:
-        """What the tip's residuals are counted in, and which torques rod 1 hands on."""
-
-        bending: wp.vec2d  # (11) curvature per moment
-        twist: PerRod  # (11) curvature per torque of each rod
-        force: f64  # (13) L/EI of rod 1
-        compliance: wp.vec3d  # (12) of the one rod
-        beside: PerRod  # 1 of a rod that reaches as far as rod 1, else 0
-
-    @wp.func(inline=False)
-    def find_ends(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64) -> Ends:
-        """Of the sections at s, where the last stretch began; a rod that has ended keeps its last."""
-        ends = Ends()
-        EI = f64(0.0)
-        for i in range(rods.end.shape[1]):
-            m, present = section_at(rods, call, case, i, s)
-            unit = section_unit(rods, case, i, m)
-            EI += present * bending_stiffness(rods, case, i, m)
-            ends.twist[i] = unit[2]
-            if i == 0:
-                ends.bending = wp.vec2d(unit[0], unit[1])
-                ends.force = case.scale / bending_stiffness(rods, case, 0, m)
-                if wp.static(MEASURED):
-                    for j in range(3):
-                        ends.compliance[j] = rods.material[case.rods, 0, m, 3 + j]
-            else:
-                if reaches(rods.end, case.rods, call.problem.inputs, case.index, i, 0):
-                    ends.beside[i] = f64(1.0)
-        if wp.static(TUBES):
-            ends.bending = wp.vec2d(f64(1.0) / EI, f64(1.0) / EI)
-        return ends
 
     @wp.func
     def moment_unit(case: wp.ref[Instance], ends: wp.ref[Ends]) -> wp.vec3d:

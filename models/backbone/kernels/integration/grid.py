@@ -369,7 +369,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         rod_end=rod_end,
         section_from=section_from,
         section_at=section_at,
-        load_instance=geometry.load_instance,
+        take_up=geometry.take_up,
         total_load=loads.total_load,
         total_load_rate=loads.total_load_rate,
         load_until=loads.load_until,

@@ -314,22 +314,11 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
     own, grid = parts.own, parts.grid
     memory_type, W = own.memory_type, own.lanes
     at_end, wait, free, some_at_end, is_at_end = own.at_end, own.wait, own.free, own.some_at_end, own.is_at_end
-    advance, at_base, place_here, load_instance = own.advance, own.at_base, own.place_here, grid.load_instance
+    advance, at_base, place_here, take_up = own.advance, own.at_base, own.place_here, grid.take_up
     write_node, state_in = parts.nodes.write_node, parts.record.state_in
     Jobs, count, wanted, instance_of = jobs.Jobs, jobs.count, jobs.wanted, jobs.instance_of
     enter, go_on, finish = jobs.enter, jobs.go_on, jobs.finish
     NODES, MEASURED = own.layout.NODES, features.measured
-
-    @wp.func
-    def take_up(rods: wp.ref[RodTable], call: wp.ref[Call], jobs: wp.ref[Jobs], l: int, p: int, job: int):
-        """The instance of a lane's job; the lane before may carry another part of it."""
-        before = int(-1)
-        if l > 0:
-            before = int(call.lane[p - 1, JOB])
-        if before >= 0 and before // call.parts == job // call.parts:
-            call.carried[p] = call.carried[p - 1]
-        else:
-            call.carried[p] = load_instance(rods, call, instance_of(call, jobs, job // call.parts))
 
     @wp.func
     def attend(
@@ -359,7 +348,7 @@ def make_carry(parts: SimpleNamespace, features: Features, jobs: SimpleNamespace
                     fresh = int(3)
             if job >= 0:
                 if fresh == 1:
-                    take_up(rods, call, jobs, l, p, job)
+                    take_up(rods, call, instance_of(call, jobs, job // call.parts), l, p, job)
                     enter(rods, call, jobs, call.carried[p], memory, o, l, p, job)
                 else:
                     s = call.lane[p, START]
