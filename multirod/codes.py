@@ -13,10 +13,16 @@ else:
 
 
 class Code(IntEnum):
-    """An integer with a name. Compared with a string by ``==`` it raises ``TypeError``, where Python would say that they differ.
+    """An integer with a name. Compared with a string by ``==`` it raises ``TypeError``, where Python would say that they differ;
+    so does ``if code:``, where Python would take all but the first for true, failures too.
 
     Equal to its name it could not be: what is equal has one hash, and it is equal to its number.
     """
+
+    def __bool__(self) -> bool:
+        kind, name = type(self).__name__, self.name
+        ask = "ask its .failed, or compare it" if hasattr(self, "failed") else "compare it"
+        raise TypeError(f"a {kind} is neither true nor false, and {name} would be true: {ask}, as in == mr.{kind}.{name}")
 
     def __str__(self) -> str:
         return self.name

@@ -16,7 +16,8 @@ class Status(Code):
     """Why an instance ended. Written by kernels and recordings: never renumbered.
 
     ``failed`` says whether the instance's arrays hold NaN; ``message`` says what happened and what to try. Its ``name`` is a
-    string; to be compared with one by ``==`` raises ``TypeError``, where Python would say that they differ.
+    string; to be compared with one by ``==`` raises ``TypeError``, where Python would say that they differ. So does
+    ``if solution.status:``, as failures would be true.
     """
 
     NOT_RUN = 0

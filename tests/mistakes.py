@@ -602,6 +602,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "mr.Status.CONVERGED",
         ),
         Mistake(
+            "a status taken for whether all went well",
+            "bool(mr.solve(robot, robot.inputs()).status)",
+            TypeError,
+            "ask its .failed",
+            "solution.status.failed, or solution.raise_if_failed()",
+        ),
+        Mistake(
             "statuses of a batch compared with a string",
             "mr.solve(robot, robot.inputs(tip_force=[(1, 0, 0), (0, 1, 0)])).status == 'CONVERGED'",
             TypeError,

@@ -219,6 +219,8 @@ def test_statuses_of_a_batch_have_names_and_refuse_strings():
         for compare in (lambda a, b: a == b, lambda a, b: b != a, lambda a, b: b in a, lambda a, b: a == [b, b]):
             with pytest.raises(TypeError, match=f"a {kind.__name__} is compared with a {kind.__name__}, not with '{name}'"):
                 compare(found, name)
+        with pytest.raises(TypeError, match=f"a {kind.__name__} is neither true nor false"):
+            bool(found[0])
         with pytest.raises(AttributeError, match=r"\[k\]\.name"):
             _ = found.name
 
