@@ -1,10 +1,11 @@
 """How a held rod varies along itself. Numbers in parentheses are those of ``docs/derivatives.md``."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.launch import Launch
 from multirod.models.backbone.passes.lane_pass import LanePass
@@ -16,6 +17,7 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
 
+Some: TypeAlias = slice | NDArray[np.intp]
 # of one evaluation: what stands before the rod's, the rod's, what stands after it
 Launches: TypeAlias = tuple[Launch, LanePass | ClampedBackbones, Launch]
 
@@ -117,3 +119,33 @@ class HeldSensing:
         found = self._rod.poses(0)
         columns = of_held(problem, names, found.columns, found.lever)
         return replace(found, columns=columns).at(problem.rod.derivatives.base_position())
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """(18) of ``docs/held.md``: where rods begin, and by what that varies.
+
+    Attributes:
+        states: At the base, shape (count, state_size).
+        force: There, in units of its variation, in the frame of the base's holder, shape (count, 3).
+        by_unknowns: Variation of the state, shape (count, d, n).
+        by_directions: The same, shape (count, d, direction_count).
+    """
+
+    states: FloatArray
+    force: FloatArray
+    by_unknowns: FloatArray
+    by_directions: FloatArray
+
+    def follow(self, columns: FloatArray, places: Some) -> FloatArray:
+        """Columns (count, row, d + direction_count) by a state at the base, then along directions, as by what it follows from:
+        those of the unknowns stand at ``places``."""
+        d = self.by_unknowns.shape[1]
+        result = columns.copy()
+        result[:, :, places] = columns[:, :, :d] @ self.by_unknowns
+        result[:, :, d:] += columns[:, :, :d] @ self.by_directions
+        return result
+
+    def chosen(self, some: Some) -> "Beginning":
+        """Of some of the rods."""
+        return Beginning(self.states[some], self.force[some], self.by_unknowns[some], self.by_directions[some])

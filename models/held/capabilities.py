@@ -1,4 +1,4 @@
-"""What a held rod offers of its rod: parts, shapes, lines, and how far it reaches."""
+"""What a held rod offers of its rod: parts, shapes, lines, how far it reaches, and many starts."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
-from multirod.capabilities import Lines, Shapes
+from multirod.capabilities import Lines, Shapes, Starts
 from multirod.integrators import Integrator
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
+from multirod.models.backbone.starts import quasirandom
 from multirod.models.held.along import at_rates, by_own_unknowns
+from multirod.models.held.costless import straight_at_rest
 from multirod.models.held.holders import HeldOptions
 from multirod.models.held.start import BUCKLED
-from multirod.models.held.table import straight_at_rest
 from multirod.problem import Shape
 from multirod.segments import taken
 from multirod.validation import FloatArray
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 STRAIGHT = 1e-6  # moments and forces across a rod, in EI/L and EI/L^2, by which nothing bends it
 TAUT = 1e-9  # of the length, by which rounding may have ends farther apart
+BEND, THRUST = 2 * np.pi, 8 * np.pi**2  # most of a start: in 1/L, as of a rod that turns once, and in EI/L^2
+CROWDING = 1.5  # most equilibria are far inside the bounds
 
 
 class HeldParts(PartsAtEqualSteps["HeldProblem"]):
@@ -47,7 +50,7 @@ class HeldParts(PartsAtEqualSteps["HeldProblem"]):
         result.stop, result.side = whole.stop, whole.side
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
-        for name in ("rest_position", "rest_turn", "opening", "direct"):
+        for name in ("rest_position", "rest_turn", "opening", "direct", "leading", "ways", "held_at"):
             getattr(result.table, name).assign(getattr(whole.table, name).numpy()[instances])
         result._natural = None if whole._natural is None else whole._natural[instances]
         result.breakpoints = taken(whole.breakpoints, instances)
@@ -147,3 +150,25 @@ class Reach:
             along = frame @ slide
             away = away - (away * along).sum(axis=1)[:, None] * along
         return np.asarray(np.linalg.norm(away, axis=1))
+
+
+class HeldStarts(Starts):
+    """Of a ``HeldProblem``; its ends close a loop, so equilibria need not come in pairs."""
+
+    def __init__(self, problem: "HeldProblem") -> None:
+        self.problem = problem
+
+    @property
+    def signs_add_up(self) -> bool:  # noqa: D102
+        return False
+
+    def guesses(self, count: int, first: int = 0) -> FloatArray:
+        """Base moments and forces around those of the rod at rest."""
+        problem, n = self.problem, self.problem.rod.unknown_count
+        points = quasirandom(np.arange(first, first + count), 6)[:, None]
+        points = np.sign(points) * np.abs(points) ** CROWDING
+        bend = np.maximum(BEND, problem.turning_angle())[:, None]
+        result = np.zeros((count, problem.instance_count, problem.unknown_count))
+        result[..., :3] = points[..., :3] * bend / problem.length[:, None]
+        result[..., n - 3 : n] = points[..., 3:] * THRUST / problem.length[:, None]
+        return result

@@ -18,16 +18,16 @@ from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.held.along import HeldSensing, Launches, columns_along, unknown_rates
-from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, Reach
+from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, HeldStarts, Reach
 from multirod.models.held.clamps import HeldClamps
+from multirod.models.held.costless import alike, hold_bases_alone
 from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, HeldOptions, Holders
 from multirod.models.held.kernels.base_kernels import hand_over
 from multirod.models.held.kernels.holding_kernels import hold
 from multirod.models.held.segments import HeldBackbone, HeldSegments
 from multirod.models.held.stability import HeldStability
 from multirod.models.held.start import INTEGRATIONS_AT_REST, Begun, begin, begun_without_medium
-from multirod.models.held.starts import HeldStarts
-from multirod.models.held.table import alike, make_table
+from multirod.models.held.table import make_table
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import left_jacobian, matrices
 from multirod.segments import Breakpoints
@@ -94,6 +94,8 @@ class HeldProblem(BoundaryProblem):
         self.table = make_table(self, pieces)
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
+        if self.table.forced.numpy().any():
+            hold_bases_alone(self)
 
     def _make_rod(
         self,
@@ -228,10 +230,13 @@ class HeldProblem(BoundaryProblem):
         self.rod._clear()
         self.inputs_given, self._natural, self._begun = inputs, None, None
         self.write("inputs", self.pack(inputs))
+        if self.table.forced.numpy().any():
+            hold_bases_alone(self)
         return True
 
     def _zeros(self) -> list[Array]:
-        return [*super()._zeros(), self.table.opening, self.table.direct, self.table.neutral]
+        own = [self.table.opening, self.table.direct, self.table.neutral, self.table.leading]
+        return [*super()._zeros(), *own]
 
     def takes(self, name: str) -> bool:  # noqa: D102
         return name in (*POSE_INPUTS, *TIP_LOADS) or self.rod.takes(name)

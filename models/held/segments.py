@@ -3,9 +3,8 @@
 Numbers in parentheses are those of ``docs/held.md``.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -19,6 +18,8 @@ from multirod.models.backbone.segments.working import by_work, work
 from multirod.models.backbone.stability.condensing.by_places import compliance_by_places
 from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm
+from multirod.models.held.along import Beginning
+from multirod.models.held.costless import holding
 from multirod.models.held.kernels.arguments import Ends, Held
 from multirod.models.held.kernels.holding_kernels import hold_ends
 from multirod.problem import BoundaryProblem
@@ -31,37 +32,6 @@ if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
 
 AXIS = np.array([0.0, 0.0, 1.0])  # of a rod
-Some: TypeAlias = slice | NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class Beginning:
-    """(18) Where rods begin, and by what that varies.
-
-    Attributes:
-        states: At the base, shape (count, state_size).
-        force: There, in units of its variation, in the frame of the base's holder, shape (count, 3).
-        by_unknowns: Variation of the state, shape (count, d, n).
-        by_directions: The same, shape (count, d, direction_count).
-    """
-
-    states: FloatArray
-    force: FloatArray
-    by_unknowns: FloatArray
-    by_directions: FloatArray
-
-    def follow(self, columns: FloatArray, places: Some) -> FloatArray:
-        """Columns (count, row, d + direction_count) by a state at the base, then along directions, as by what it follows from:
-        those of the unknowns stand at ``places``."""
-        d = self.by_unknowns.shape[1]
-        result = columns.copy()
-        result[:, :, places] = columns[:, :, :d] @ self.by_unknowns
-        result[:, :, d:] += columns[:, :, :d] @ self.by_directions
-        return result
-
-    def chosen(self, some: Some) -> "Beginning":
-        """Of some of the rods."""
-        return Beginning(self.states[some], self.force[some], self.by_unknowns[some], self.by_directions[some])
 
 
 class HeldSegments(BackboneSegments):
@@ -154,6 +124,8 @@ class HeldSegments(BackboneSegments):
             by[:, self._force, m:] = -cross_matrix(force) @ (turned @ inner)
         if self._base_moment.stop > self._base_moment.start:
             by[:, self._base_moment, :3] = np.eye(3)
+            if (held_back := holding(held, instances, unknowns, level)) is not None:
+                by[:, self._base_moment, m:] = -held_back[1] @ axes.T
         along = np.zeros((count, self.variation_size, held.direction_count))
         if held.direction_count:
             rate = level[:, None] * held.directions.numpy()[instances, : held.direction_count, 0]
@@ -295,7 +267,9 @@ class HeldSegments(BackboneSegments):
             columns[:, 6:m, d:] = call.problem.residual_directions.numpy()[chosen, rows, :K]
         if held.turns:
             axes = held.holders.base_axes
-            residual[:, m:] = cuts.unknowns[:, :3] @ axes.T - opening[:, m:]
+            held_back = holding(held, chosen, cuts.unknowns, level)
+            moment = cuts.unknowns[:, :3] - (0.0 if held_back is None else held_back[0])
+            residual[:, m:] = moment @ axes.T - opening[:, m:]
             columns[:, m:, self._base_moment] = axes
         return residual, columns
 

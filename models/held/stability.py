@@ -18,8 +18,8 @@ from multirod.models.backbone.stability.condensing.second_variation import (
     symmetric_eigenvalues,
 )
 from multirod.models.backbone.stability.stability import BackboneStability
-from multirod.models.held.kernels.arguments import BALL_AND_CLAMP, IN_BALLS
-from multirod.models.held.table import free_in_balls
+from multirod.models.held.costless import free_in_balls
+from multirod.models.held.kernels.arguments import BALL_AND_CLAMP, IN_BALLS, SPINS
 from multirod.models.joint_kernels import CLAMPED, SPHERICAL
 from multirod.rotations import cross
 from multirod.stability import Modes, StabilityAnalysis
@@ -156,8 +156,8 @@ class HeldStability(StabilityAnalysis):
             if kinds[k] == BALL_AND_CLAMP:
                 found.append((k, [np.concatenate([rigid - own, *held])]))
                 continue
-            ways = [np.concatenate([rigid, *held])]
-            found.append((k, ways if kinds[k] == IN_BALLS else [*ways, np.concatenate([own, np.zeros(6)])]))
+            ways = [np.concatenate([rigid, *held]), np.concatenate([own, np.zeros(6)])]
+            found.append((k, ways[1:] if kinds[k] == SPINS else ways[: 1 + (kinds[k] != IN_BALLS)]))
         return found
 
     def _with_base(self, condensed: CondensedForm) -> FloatArray:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.models.backbone.kernels.loads.foundation import Foundation, RisingFoundation
+from multirod.models.held.buckling import MODES, buckled, hinge_of, thrust_of, to_side
+from multirod.models.held.costless import AXIS, force_along, free_in_balls, hold_base, straight_at_rest, turned_to, under_forces
 from multirod.models.held.kernels.arguments import ACROSS, IN_BALLS
-from multirod.models.held.table import free_in_balls, straight_at_rest
-from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.results.events import BranchEvent
 from multirod.rotations import cross, matrices, vectors
 from multirod.status import Status
@@ -36,9 +36,9 @@ BUCKLED, TURNED, MOST = 1e-6, 0.05, 0.3
 WEIGHED, AT_MOST = 0.1, 0.5  # load in EI/L^2 by which both sides are weighed, and the part of its own that it is at most
 WEIGHING = 3  # integrations of each
 NOTED = 1e-11  # of EI/L: the least difference between their energies that is no rounding: integration errs alike in mirror images
-FIRST = 0.1  # part of a direction, that its first of x, y, z is at least, which tells its sign
+TOUCH = 1e-3  # load in EI/L^2 by which it is told where forces draw a rod
 STIFF, FAR = 2e-3, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
-ALONG = 0.99  # cosine of the angle between axes that are taken for one
+BUCKLING = 0.01  # the same of one between two balls under forces
 
 
 @dataclass(frozen=True)
@@ -85,34 +85,6 @@ class Start:
     thrust: FloatArray
 
 
-@dataclass(frozen=True)
-class Mode:
-    """(23) How a straight rod buckles about an axis; but for the thrust, over the root of what it is shortened by.
-
-    Attributes:
-        thrust: In ``EI/L^2``.
-        base_moment: In ``EI/L``.
-        tip_moment: In ``EI/L``.
-        base_turn: By which its base turns in its joint [rad].
-    """
-
-    thrust: float
-    base_moment: float
-    tip_moment: float
-    base_turn: float
-
-
-ROOT = 4.493409457909064  # the first of tan z = z
-SHORTER = 0.5 + np.cos(ROOT) ** 2 - 1.5 * np.sin(ROOT) * np.cos(ROOT) / ROOT
-HINGED = np.sqrt(2 / SHORTER) * ROOT  # largest moment of a rod that is hinged at one end
-MODES = {  # by whether base and end turn freely about the axis
-    (False, False): Mode(4 * np.pi**2, 4 * np.pi, 4 * np.pi, 0.0),
-    (False, True): Mode(ROOT**2, -HINGED * np.sin(ROOT), 0.0, 0.0),
-    (True, False): Mode(ROOT**2, 0.0, -HINGED * np.sin(ROOT), HINGED * (1 - np.cos(ROOT)) / ROOT),
-    (True, True): Mode(np.pi**2, 0.0, 0.0, 2.0),
-}
-
-
 def begun_without_medium(holders: "Holders") -> "RodArrays":
     """The rod; if it does not stretch, nor its end slides, with its medium raised on the path: pushed together it begins buckled
     as (23) says, which is no equilibrium in a stiff medium."""
@@ -126,6 +98,7 @@ def begin(problem: "HeldProblem") -> Begun:
     """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent."""
     x = np.zeros((problem.instance_count, problem.unknown_count))
     buckled, weighed = np.zeros((2, problem.instance_count), dtype=bool)
+    turned = np.zeros(problem.instance_count, dtype=np.intp)
     passed: dict[int, BranchEvent] = {}
     problem.table.opening.zero_(), problem.table.direct.zero_()
     with problem.everyone(), problem.at_load(0.0):
@@ -133,28 +106,105 @@ def begin(problem: "HeldProblem") -> Begun:
         position, rotation = problem.rod.read("position"), problem.rod.read("rotation").reshape(-1, 3, 3)
         problem.table.rest_position.assign(position)
         problem.table.rest_turn.assign(vectors(problem.end_frame @ np.swapaxes(rotation, 1, 2)))
+        led = under_forces(problem)[0]
+        if led.any():
+            x, buckled, turned = _led(problem, x, np.array(position), led)
+            position = np.array(problem.table.rest_position.numpy())
         residual, gamma = problem.evaluate(x)
+        if buckled.any():
+            x, residual, gamma = _settled(problem, x, residual, gamma, buckled)
         least = _least_singular_value(gamma)
-        stuck = ~(least > REGULAR) & ~_stays(problem, position, rotation)
+        stuck = ~(least > REGULAR) & ~_stays(problem, position, rotation) & ~led
         if stuck.any() or problem.rod.features.shear:
             start = bent_rods(problem, x)
-            far = start.twofold & _pushed_far(problem, start.end) & ~stuck
+            far = start.twofold & _pushed_far(problem, start.end) & ~stuck & ~led
             passed = _passed(problem, start, far & ~loaded(problem))
             stuck |= far
         if stuck.any():
             x = np.where(stuck[:, None], start.unknowns, x)
             problem.table.direct.assign((stuck & start.direct).astype(np.int32))
-            buckled = stuck & start.buckled
-            problem.table.rest_position.assign(np.where(buckled[:, None], start.end, position))
+            begins = stuck & start.buckled
+            buckled |= begins
+            problem.table.rest_position.assign(np.where(begins[:, None], start.end, position))
             residual, gamma = problem.evaluate(x)
-            if buckled.any():
-                x, residual, gamma = _settled(problem, x, residual, gamma, buckled)
-            weighed = buckled & start.twofold & loaded(problem)
+            if begins.any():
+                x, residual, gamma = _settled(problem, x, residual, gamma, begins)
+            weighed = begins & start.twofold & loaded(problem)
             if weighed.any():
                 x, residual, gamma = _lower(problem, x, start, weighed)
             least = _least_singular_value(gamma)
-    integrations = INTEGRATIONS_AT_REST + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed
+    integrations = INTEGRATIONS_AT_REST + turned + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed
     return Begun(x, residual, least, integrations, passed)
+
+
+def _led(
+    problem: "HeldProblem", unknowns: FloatArray, position: FloatArray, led: NDArray[np.bool_]
+) -> tuple[FloatArray, NDArray[np.bool_], IntArray]:
+    """(30) The ``led``, between two balls, turned as one to where their ends are to be and forces draw them; which of them begin
+    buckled, and how many integrations it took. The end of the rod at rest is at ``position`` (instance_count, 3)."""
+    frame, m, length = problem.base_frame, problem.rod.unknown_count, problem.length_in_use()
+    base = np.broadcast_to(problem.rod.table.base_position.numpy(), position.shape)
+    way, rest = (np.einsum("bji,bj->bi", frame, own - base) for own in (problem.goal()[0], position))
+    apart, reach = np.linalg.norm(way, axis=1), np.linalg.norm(rest, axis=1)
+    led = led & (np.minimum(apart, reach) > SAME * length)
+    axis, own = (v / np.where(led, size, 1.0)[:, None] for v, size in ((way, apart), (rest, reach)))
+    swung = np.where(
+        led[:, None, None], turned_to(np.where(led[:, None], own, AXIS), np.where(led[:, None], axis, AXIS)), np.eye(3)
+    )
+    force = np.einsum("bji,bj->bi", frame, force_along(problem))
+    drawn = force - (force * axis).sum(axis=1)[:, None] * axis
+    drawn[np.linalg.norm(drawn, axis=1) <= SAME * np.linalg.norm(force, axis=1)] = 0.0
+    load = np.linalg.norm(drawn, axis=1) * length**2 / problem.rod.sizes.least_stiffness
+    stiffness = problem.rod.each(problem.rod.arrays.material[:, 0, 0, :2])
+    straight, even = straight_at_rest(problem), stiffness[:, 0] == stiffness[:, 1]
+    # of a round rod the plane in which it bends, of others the angle by which it is turned about the line between the balls
+    softer = np.where((stiffness[:, 0] < stiffness[:, 1])[:, None], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    pulled = np.einsum("bji,bj->bi", swung, drawn)
+    size = np.linalg.norm(pulled, axis=1)[:, None]
+    about = np.where((even[:, None]) & (size > 0), cross(AXIS + 0 * pulled, pulled) / np.where(size > 0, size, 1.0), softer)
+    about = np.where(size > 0, about, to_side(problem, about))
+    bow = np.einsum("bij,bj->bi", swung, cross(about, AXIS + 0 * about))
+    angle = np.where(size[:, 0] > 0, _angle(bow, drawn, axis), 0.0)
+    bent = led & ~straight & (size[:, 0] > 0)
+    if bent.any():
+        angle = np.where(bent, _drawn_to(problem, unknowns, swung, axis, load, bent), angle)
+    turn = matrices(axis * angle[:, None]) @ swung
+    short = np.clip(1 - apart / length, 0.0, MOST)
+    stretch = problem.rod.each(problem.rod.arrays.material[:, 0, :, 8].max(axis=1))
+    strain = MODES[True, True].thrust * stiffness.min(axis=1) * stretch / length**2
+    pushed = (strain < BUCKLING) & (short > np.maximum(BUCKLED, FAR * strain)) & (problem.holders.slide is None)
+    buckles = led & straight & pushed
+    soft = stiffness.min(axis=1)[:, None]
+    x = np.where(buckles[:, None], buckled(problem, about, soft, np.sqrt(short)[:, None]), unknowns)
+    turned = vectors(turn @ matrices(problem.length[:, None] * x[:, m:]))
+    x[:, m:] = turned / problem.length[:, None]
+    hold_base(problem, turned, axis, led)
+    problem.table.leading.assign(np.where(led, np.minimum(load, 1.0), 0.0))
+    begin = base + np.einsum("bij,bj->bi", frame, axis) * np.where(buckles, (1 - short) * length, reach)[:, None]
+    problem.table.rest_position.assign(np.where(led[:, None], begin, position))
+    return np.where(led[:, None], x, unknowns), buckles, 2 * bent.astype(np.intp)
+
+
+def _drawn_to(
+    problem: "HeldProblem", unknowns: FloatArray, swung: FloatArray, axis: FloatArray, load: FloatArray, bent: NDArray[np.bool_]
+) -> FloatArray:
+    """(30) By which angles about ``axis`` the ``bent`` rods at rest are turned from ``swung`` where forces on them do the most
+    work, shape (instance_count,): by the moment of these about that, here and a quarter of a turn further."""
+    m, world = problem.rod.unknown_count, np.einsum("bij,bj->bi", problem.base_frame, axis)
+    moments = []
+    with problem.at_load(TOUCH / np.maximum(load, 1.0)):
+        for angle in (0.0, 0.5 * np.pi):
+            x = np.array(unknowns)
+            turned = vectors(matrices(angle * axis) @ swung)
+            x[:, m:] = np.where(bent[:, None], turned / problem.length[:, None], 0.0)
+            problem.evaluate(x)
+            moments.append(-(world * problem.rod.tip_wrench.numpy()[:, 3:]).sum(axis=1))
+    return np.asarray(np.arctan2(moments[0], -moments[1]))
+
+
+def _angle(v: FloatArray, other: FloatArray, axis: FloatArray) -> FloatArray:
+    """From vectors (count, 3) to others, about unit axes across both, shape (count,)."""
+    return np.asarray(np.arctan2((cross(v, other) * axis).sum(axis=1), (v * other).sum(axis=1)))
 
 
 def _stays(problem: "HeldProblem", position: FloatArray, rotation: FloatArray) -> NDArray[np.bool_]:
@@ -281,7 +331,7 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     stiffness = problem.rod.each(problem.rod.arrays.material[:, 0, 0, :2])
     soft = stiffness.min(axis=1)[:, None]
     softer = np.where(stiffness[:, :1] < stiffness[:, 1:], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    uneven, hinge = stiffness[:, :1] != stiffness[:, 1:], _hinge(problem)
+    uneven, hinge = stiffness[:, :1] != stiffness[:, 1:], hinge_of(problem)
     if hinge is not None:
         softer = np.where(uneven, softer, hinge)
     turned, neutral = size > ACROSS, problem.goal_is_neutral()[:, None]
@@ -300,65 +350,11 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     along = (axis * softer).sum(axis=1)[:, None]
     about = np.where(neutral, -axis, np.where(along > 0, -softer, softer))
     told = turned & (neutral | (np.abs(along) > ACROSS))  # by the way in which the end is turned
-    about = np.where(told, about, _to_side(problem, about))
-    bent = [np.where(buckles, _buckled(problem, sign * about, soft, np.sqrt(short)), 0.0) for sign in (1.0, -1.0)]
+    about = np.where(told, about, to_side(problem, about))
+    bent = [np.where(buckles, buckled(problem, sign * about, soft, np.sqrt(short)), 0.0) for sign in (1.0, -1.0)]
     end = base + (1 - short) * length * problem.base_frame[:, :, 2]
     begins = (buckles & (short > BUCKLED))[:, 0]
     way = np.einsum("bij,bj->bi", problem.base_frame, cross(about, np.broadcast_to([0.0, 0.0, 1.0], about.shape)))
     return Start(
-        result + bent[0], direct[:, 0], begins, result + bent[1], begins & ~told[:, 0], end, way, _thrust(problem, about)
+        result + bent[0], direct[:, 0], begins, result + bent[1], begins & ~told[:, 0], end, way, thrust_of(problem, about)
     )
-
-
-def _thrust(problem: "HeldProblem", about: FloatArray) -> FloatArray:
-    """(23) Under which a rod buckles about an axis, in ``EI/L^2``, shape (instance_count,)."""
-    holders = problem.holders
-    base, end = (_turns(*own, about) for own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis)))
-    return np.array([MODES[bool(own), bool(other)].thrust for own, other in zip(base, end, strict=True)])
-
-
-def _hinge(problem: "HeldProblem") -> FloatArray | None:
-    """The axis across a straight rod, (3,), about which a round one buckles first, as it turns about it at one end or both; None
-    where there is none, or two that differ."""
-    holders = problem.holders
-    joints = ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))
-    axes = [axis for kind, axis in joints if kind == REVOLUTE and abs(axis[2]) < 1 - ALONG]
-    if not axes or (len(axes) == 2 and abs(axes[0] @ axes[1]) < ALONG):
-        return None
-    across = axes[0] * [1.0, 1.0, 0.0]
-    return np.asarray(across / np.linalg.norm(across))
-
-
-def _to_side(problem: "HeldProblem", axis: FloatArray) -> FloatArray:
-    """An axis (instance_count, 3) of the base or minus that: the rod that bends about it goes to the side asked for, by (5) of
-    ``docs/branches.md``."""
-    moves = np.einsum("bij,bj->bi", problem.base_frame, cross(axis, np.broadcast_to([0.0, 0.0, 1.0], axis.shape)))
-    first = np.argmax(np.abs(moves) >= FIRST * np.abs(moves).max(axis=1, keepdims=True), axis=1)
-    return np.asarray(axis * problem.side * np.sign(moves[np.arange(len(moves)), first])[:, None])
-
-
-def _buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, size: FloatArray) -> FloatArray:
-    """(23) Unknowns (instance_count, n) of rods that buckle about an axis (instance_count, 3), about which they are as stiff,
-    (instance_count, 1), ``size`` (instance_count, 1) the root of what they are shortened by."""
-    holders, m = problem.holders, problem.rod.unknown_count
-    whole, length = problem.length[:, None], problem.length_in_use()[:, None]
-    free = [_turns(kind, own, axis) for kind, own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))]
-    result = np.zeros((problem.instance_count, problem.unknown_count))
-    for (base, end), mode in MODES.items():
-        chosen = (free[0] == base) & (free[1] == end)
-        unit = (stiffness / problem.stiffness[:, None] / length)[chosen]
-        own, about = np.zeros((len(unit), problem.unknown_count)), size[chosen] * axis[chosen]
-        own[:, :3] = mode.base_moment * unit * about
-        pushed = unit * (whole / length)[chosen]
-        along = np.array([0.0, 0.0, 1.0])
-        force = pushed * ((mode.base_moment - mode.tip_moment) * cross(about, along) - mode.thrust * along)
-        turned = mode.base_turn * about @ holders.base_axes.T
-        own[:, m - 3 : m] = np.einsum("bji,bj->bi", matrices(turned @ holders.base_axes), force)  # in the frame that turns
-        own[:, m:] = turned / whole[chosen]
-        result[chosen] = own
-    return result
-
-
-def _turns(kind: int, own: FloatArray, axis: FloatArray) -> NDArray[np.bool_]:
-    """Whether a joint, if revolute about its ``own`` axis, turns freely about an axis (instance_count, 3)."""
-    return np.asarray((kind == SPHERICAL) | ((kind == REVOLUTE) & (np.abs(axis @ own) > ALONG)))

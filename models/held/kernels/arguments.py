@@ -11,6 +11,7 @@ ON_AXIS = 1e-9  # what counts as on an axis, in lengths, and along it
 ACROSS = 1e-6  # turn of the end across the axis of the base from which on it says where the rod bends [rad]
 SOFT = 0.025  # of forces and moments in EI/L^2 and EI/L, by which a neutral turn is held: then it is as stiff as others
 IN_BALLS, ROUND_IN_BALLS, BALL_AND_CLAMP = 1, 2, 3  # (24) rods in two balls, such ones that are alike about themselves, in one
+UNDER_FORCES, SPINS = 4, 5  # (28) rods in two balls on which forces act; of these, such ones whose spin alone costs nothing
 ALONG = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")  # as they stand in a row of a rod's inputs
 
 
@@ -48,6 +49,10 @@ class Held:
     neutral: wp.array[int]  # whether a turn about the base's axis costs nothing
     clamped: int  # whether clamps tell of that turn, and (11) need not hold it
     balls: wp.array[int]  # (24) which turns of a rod whose base is in a ball cost nothing where no load acts
+    forced: wp.array[int]  # (28) the same of a rod in two balls under forces along it: IN_BALLS, ROUND_IN_BALLS, or none
+    leading: wp.array[wp.float64]  # how its turn about the line between the balls is held where the path begins
+    ways: wp.array2d[wp.vec3d]  # along which the rotation vector of its base is held: as the rod spins, and as it turns
+    held_at: wp.array2d[wp.float64]  # where [1/m]
     rod: ProblemArrays  # as a backbone whose tip is held
     wrench: TipWrench
     base_position: wp.array[wp.vec3d]

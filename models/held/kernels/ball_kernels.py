@@ -1,12 +1,23 @@
 # mypy: ignore-errors
-"""(24) of ``docs/held.md``: turns of a rod whose base is in a ball that cost nothing, and what stands in its rows for them."""
+"""(24), (28) of ``docs/held.md``: turns of a rod whose base is in a ball that cost nothing, and what holds these."""
 
 import warp as wp
 
-from multirod.models.held.kernels.arguments import ALONG, BALL_AND_CLAMP, IN_BALLS, ON_AXIS, ROUND_IN_BALLS, Held
+from multirod.models.held.kernels.arguments import (
+    ALONG,
+    BALL_AND_CLAMP,
+    IN_BALLS,
+    ON_AXIS,
+    ROUND_IN_BALLS,
+    UNDER_FORCES,
+    Held,
+)
 from multirod.models.held.kernels.base_kernels import on_axis, turn_of
+from multirod.models.joint_kernels import column_of, vector
+from multirod.models.rotation_kernels import rotation_from_vector
 
 f64 = wp.float64
+FORCE, TORQUE, WEIGHT, FIELD = (3 * k for k in range(len(ALONG)))  # places after ``along``
 
 
 @wp.func
@@ -29,11 +40,40 @@ def balls_at(held: Held, b: int, away: wp.vec3d) -> int:
     return kind
 
 
+@wp.func
+def lies_along(v: wp.vec3d, axis: wp.vec3d) -> bool:
+    return wp.length(wp.cross(v, axis)) <= f64(wp.static(ON_AXIS)) * wp.length(v) * wp.length(axis)
+
+
+@wp.func
+def weights_under_forces(held: Held, b: int) -> wp.vec2d:
+    """(28) How the spin of a rod between two balls is held, and its turn about the line between them, under forces along it."""
+    none = wp.vec2d(f64(0.0), f64(0.0))
+    if held.forced[b] == 0:
+        return none
+    force = vector(held.problem.inputs, b, held.along + wp.static(FORCE))
+    weight = vector(held.problem.inputs, b, held.along + wp.static(WEIGHT))
+    moments = wp.abs(vector(held.problem.inputs, b, held.tip_loads + 3))
+    moments += wp.abs(vector(held.problem.inputs, b, held.along + wp.static(TORQUE)))
+    moments += wp.abs(vector(held.problem.inputs, b, held.along + wp.static(FIELD)))
+    if moments[0] + moments[1] + moments[2] != f64(0.0) or wp.length(force) + wp.length(weight) == f64(0.0):
+        return none
+    chord = held.end_position[b] + vector(held.problem.inputs, b, held.pose) - held.base_position[b]
+    free = lies_along(force, chord) and lies_along(weight, chord)
+    if held.slides != 0:
+        frame = rotation_from_vector(vector(held.problem.inputs, b, held.pose + 3)) * held.end_frame[b]
+        free = free and lies_along(column_of(frame * held.guide, 2), chord)
+    turn = wp.where(free, f64(1.0), wp.max(f64(1.0) - held.problem.load_factor[b], f64(0.0)) * held.leading[b])
+    spin = wp.where(held.forced[b] == wp.static(ROUND_IN_BALLS), f64(1.0), f64(0.0))
+    return wp.vec2d(spin, turn)
+
+
 @wp.struct
 class Spin:
-    """(24) What stands in the rows of a ball at the base for turns that cost nothing."""
+    """(24), (28) What stands in the rows of a ball at the base for turns that cost nothing."""
 
     kind: int
+    weights: wp.vec2d
     apart: f64
     chord: wp.vec3d  # from base to end, in the frame of the base's holder
     angle: wp.vec3d  # rotation vector of the base
@@ -83,7 +123,43 @@ def spin_of(held: Held, b: int, away: wp.vec3d) -> Spin:
         spin.turned = turned_by(spin.angle, spin.chord)
         spin.lag = wp.dot(spin.chord, spin.angle) / held.length[b]
         spin.fall = spin.angle[0] / held.length[b]
+        return spin
+    spin.weights = weights_under_forces(held, b)
+    if spin.weights[0] != f64(0.0) or spin.weights[1] != f64(0.0):
+        spin.kind = wp.static(UNDER_FORCES)
+        spin.angle = turn_of(held, b)
     return spin
+
+
+@wp.func
+def holding_rows(held: Held, b: int, spin: Spin) -> wp.vec3d:
+    """(28)"""
+    total = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    for k in range(2):
+        q = held.ways[b, k]
+        lag = wp.dot(q, spin.angle) / held.length[b] - held.held_at[b, k]
+        total += (spin.weights[k] * lag) * turned_by(spin.angle, q)
+    return total
+
+
+@wp.func
+def holding_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d) -> wp.vec3d:
+    """(28) Their change where the rotation vector of the base changes by ``da``, over the length."""
+    total = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+    for k in range(2):
+        q = held.ways[b, k]
+        lag = wp.dot(q, spin.angle) / held.length[b] - held.held_at[b, k]
+        change = lag * turned_by_variation(spin.angle, q, held.length[b] * da)
+        total += spin.weights[k] * (change + wp.dot(q, da) * turned_by(spin.angle, q))
+    return total
+
+
+@wp.func
+def rows_of_spin(held: Held, b: int, spin: Spin) -> wp.vec3d:
+    """(24), (28)"""
+    if spin.kind == wp.static(UNDER_FORCES):
+        return holding_rows(held, b, spin)
+    return spin_rows(spin, spin.turned, spin.lag, spin.fall)
 
 
 @wp.func
@@ -99,7 +175,9 @@ def spin_rows(spin: Spin, turned: wp.vec3d, lag: f64, fall: f64) -> wp.vec3d:
 
 @wp.func
 def spin_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d, move: wp.vec3d) -> wp.vec3d:
-    """(24) Their change where the rotation vector of the base changes by ``da``, over the length, and the end's holder moves."""
+    """(24), (28) Their change where the base's rotation vector changes by ``da``, over the length, and the end's holder moves."""
+    if spin.kind == wp.static(UNDER_FORCES):
+        return holding_rows_variation(held, b, spin, da)
     own = wp.transpose(held.base_frame[b]) * move
     dchord = (own - wp.dot(spin.chord, own) * spin.chord) / spin.apart
     dturned = turned_by(spin.angle, dchord) + turned_by_variation(spin.angle, spin.chord, held.length[b] * da)

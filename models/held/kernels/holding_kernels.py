@@ -8,7 +8,7 @@ import warp as wp
 
 from multirod.kernels.own_module import own_module
 from multirod.models.held.kernels.arguments import POSE, Ends, Held
-from multirod.models.held.kernels.ball_kernels import spin_of, spin_rows, spin_rows_variation
+from multirod.models.held.kernels.ball_kernels import rows_of_spin, spin_of, spin_rows_variation
 from multirod.models.held.kernels.base_kernels import base_moment, is_neutral, to_unknowns, turn_axis
 from multirod.models.held.kernels.end_kernels import tip_of, tip_rows, tip_rows_variation
 from multirod.models.joint_kernels import along, column, vector, write_rows
@@ -55,7 +55,7 @@ def hold(held: Held):
     spin = spin_of(held, b, tip.end.position - held.base_position[b])
     spun = zero
     if spin.kind != 0:
-        spun = spin_rows(spin, spin.turned, spin.lag, spin.fall)
+        spun = rows_of_spin(held, b, spin)
     for j in range(held.turns):
         row = bent * base_moment(held, b) - spun
         held.problem.residual[b, m + j] = wp.dot(held.base_axes[j], row) - open * held.opening[b, m + j]

@@ -1,0 +1,102 @@
+"""How a straight rod buckles whose ends are held: about which axis, to which side, by what moments and force.
+
+Numbers in parentheses are those of ``docs/held.md``.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
+from multirod.rotations import cross, matrices
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.held.problem import HeldProblem
+
+FIRST = 0.1  # part of a direction, that its first of x, y, z is at least, which tells its sign
+ALONG = 0.99  # cosine of the angle between axes that are taken for one
+
+
+@dataclass(frozen=True)
+class Mode:
+    """(23) How a straight rod buckles about an axis; but for the thrust, over the root of what it is shortened by.
+
+    Attributes:
+        thrust: In ``EI/L^2``.
+        base_moment: In ``EI/L``.
+        tip_moment: In ``EI/L``.
+        base_turn: By which its base turns in its joint [rad].
+    """
+
+    thrust: float
+    base_moment: float
+    tip_moment: float
+    base_turn: float
+
+
+ROOT = 4.493409457909064  # the first of tan z = z
+SHORTER = 0.5 + np.cos(ROOT) ** 2 - 1.5 * np.sin(ROOT) * np.cos(ROOT) / ROOT
+HINGED = np.sqrt(2 / SHORTER) * ROOT  # largest moment of a rod that is hinged at one end
+MODES = {  # by whether base and end turn freely about the axis
+    (False, False): Mode(4 * np.pi**2, 4 * np.pi, 4 * np.pi, 0.0),
+    (False, True): Mode(ROOT**2, -HINGED * np.sin(ROOT), 0.0, 0.0),
+    (True, False): Mode(ROOT**2, 0.0, -HINGED * np.sin(ROOT), HINGED * (1 - np.cos(ROOT)) / ROOT),
+    (True, True): Mode(np.pi**2, 0.0, 0.0, 2.0),
+}
+
+
+def thrust_of(problem: "HeldProblem", about: FloatArray) -> FloatArray:
+    """(23) Under which a rod buckles about an axis, in ``EI/L^2``, shape (instance_count,)."""
+    holders = problem.holders
+    base, end = (_turns(*own, about) for own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis)))
+    return np.array([MODES[bool(own), bool(other)].thrust for own, other in zip(base, end, strict=True)])
+
+
+def hinge_of(problem: "HeldProblem") -> FloatArray | None:
+    """The axis across a straight rod, (3,), about which a round one buckles first, as it turns about it at one end or both; None
+    where there is none, or two that differ."""
+    holders = problem.holders
+    joints = ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))
+    axes = [axis for kind, axis in joints if kind == REVOLUTE and abs(axis[2]) < 1 - ALONG]
+    if not axes or (len(axes) == 2 and abs(axes[0] @ axes[1]) < ALONG):
+        return None
+    across = axes[0] * [1.0, 1.0, 0.0]
+    return np.asarray(across / np.linalg.norm(across))
+
+
+def to_side(problem: "HeldProblem", axis: FloatArray) -> FloatArray:
+    """An axis (instance_count, 3) of the base or minus that: the rod that bends about it goes to the side asked for, by (5) of
+    ``docs/branches.md``."""
+    moves = np.einsum("bij,bj->bi", problem.base_frame, cross(axis, np.broadcast_to([0.0, 0.0, 1.0], axis.shape)))
+    first = np.argmax(np.abs(moves) >= FIRST * np.abs(moves).max(axis=1, keepdims=True), axis=1)
+    return np.asarray(axis * problem.side * np.sign(moves[np.arange(len(moves)), first])[:, None])
+
+
+def buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, size: FloatArray) -> FloatArray:
+    """(23) Unknowns (instance_count, n) of rods that buckle about an axis (instance_count, 3), about which they are as stiff,
+    (instance_count, 1), ``size`` (instance_count, 1) the root of what they are shortened by."""
+    holders, m = problem.holders, problem.rod.unknown_count
+    whole, length = problem.length[:, None], problem.length_in_use()[:, None]
+    free = [_turns(kind, own, axis) for kind, own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))]
+    result = np.zeros((problem.instance_count, problem.unknown_count))
+    for (base, end), mode in MODES.items():
+        chosen = (free[0] == base) & (free[1] == end)
+        unit = (stiffness / problem.stiffness[:, None] / length)[chosen]
+        own, about = np.zeros((len(unit), problem.unknown_count)), size[chosen] * axis[chosen]
+        own[:, :3] = mode.base_moment * unit * about
+        pushed = unit * (whole / length)[chosen]
+        along = np.array([0.0, 0.0, 1.0])
+        force = pushed * ((mode.base_moment - mode.tip_moment) * cross(about, along) - mode.thrust * along)
+        turned = mode.base_turn * about @ holders.base_axes.T
+        own[:, m - 3 : m] = np.einsum("bji,bj->bi", matrices(turned @ holders.base_axes), force)  # in the frame that turns
+        own[:, m:] = turned / whole[chosen]
+        result[chosen] = own
+    return result
+
+
+def _turns(kind: int, own: FloatArray, axis: FloatArray) -> NDArray[np.bool_]:
+    """Whether a joint, if revolute about its ``own`` axis, turns freely about an axis (instance_count, 3)."""
+    return np.asarray((kind == SPHERICAL) | ((kind == REVOLUTE) & (np.abs(axis @ own) > ALONG)))

@@ -1,0 +1,220 @@
+"""Turns of a held rod that cost nothing, and what holds those of a rod between two balls under forces along it.
+
+Numbers in parentheses are those of ``docs/held.md``.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.batch import IntArray
+from multirod.models.held.kernels.arguments import (
+    ALONG,
+    BALL_AND_CLAMP,
+    IN_BALLS,
+    ON_AXIS,
+    ROUND_IN_BALLS,
+    SPINS,
+)
+from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
+from multirod.rotations import cross, cross_matrix, inverse_left_jacobian, matrices, vectors
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.held.problem import HeldProblem
+
+AXIS = np.array([0.0, 0.0, 1.0])  # of a rod
+STRAIGHT = 1e-6  # how little rods are bent that have no plane [rad]
+SMALL = 1e-4  # square of an angle under which quotients are series
+
+
+def alike(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """(10) Whether nothing of the rod tells directions across its axis apart, shape (instance_count,)."""
+    features, slide = problem.rod.features, problem.holders.slide
+    told = problem.turns or problem.holders.joint == REVOLUTE or features.distributed_force or features.distributed_moment
+    if told or (slide is not None and abs(slide[2]) < 1 - ON_AXIS):
+        return np.zeros(problem.instance_count, dtype=bool)
+    return round_about_itself(problem)
+
+
+def round_about_itself(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """Whether it is straight at rest and nothing of the rod itself tells directions across it apart, shape (instance_count,)."""
+    arrays, features = problem.rod.arrays, problem.rod.features
+    if features.members or features.profile_degree >= 0:
+        return np.zeros(problem.instance_count, dtype=bool)
+    material = arrays.material[:, 0]
+    same = (material[..., 0] == material[..., 1]).all(axis=1) & (material[..., 6] == material[..., 7]).all(axis=1)
+    for load in features.loads:
+        same = same & load.same_across(problem.rod.sizes)
+    return np.asarray((problem.rod.each(same) == 1) & straight_at_rest(problem))
+
+
+def in_balls(problem: "HeldProblem") -> NDArray[np.intp]:
+    """(24) Which turns of a rod with its base in a ball cost nothing where no load acts, shape (instance_count,)."""
+    holders, features = problem.holders, problem.rod.features
+    told = holders.base_joint != SPHERICAL or holders.joint == REVOLUTE or features.loads or features.profile_degree >= 0
+    if told or holders.joint not in (SPHERICAL, CLAMPED):
+        return np.zeros(problem.instance_count, dtype=np.intp)
+    same = round_about_itself(problem)
+    if holders.slide is not None and abs(holders.slide[2]) < 1 - ON_AXIS:
+        same[:] = False
+    if holders.joint == SPHERICAL:
+        return np.where(same, ROUND_IN_BALLS, IN_BALLS)
+    return np.where(same, BALL_AND_CLAMP, 0)
+
+
+def in_balls_under_forces(problem: "HeldProblem") -> NDArray[np.intp]:
+    """(28) Which turns of a rod between two balls cost nothing under forces along the line between these, of a round one its spin
+    under all; shape (instance_count,)."""
+    holders, features = problem.holders, problem.rod.features
+    joints, along = (holders.base_joint, holders.joint), features.distributed_force
+    if joints != (SPHERICAL, SPHERICAL) or features.loads or features.profile_degree >= 0 or not along:
+        return np.zeros(problem.instance_count, dtype=np.intp)
+    return np.where(round_about_itself(problem), ROUND_IN_BALLS, IN_BALLS)
+
+
+def free_in_balls(problem: "HeldProblem") -> IntArray:
+    """(24), (28) Which turns of a rod with its base in a ball cost nothing, as ``kernels.arguments`` numbers them, 0 where none
+    does, shape (instance_count,)."""
+    kinds, forced = problem.table.balls.numpy(), problem.table.forced.numpy()
+    if not kinds.any():
+        return np.asarray(kinds)
+    inputs = problem.read("inputs")
+    moment, along = problem.input_slice("tip_moment"), slice(problem.table.along, problem.table.along + 3 * len(ALONG))
+    acting = inputs[:, moment].any(axis=1) | inputs[:, along].any(axis=1)
+    away, frame = problem.goal()
+    away = away - problem.rod.table.base_position.numpy()
+    axis = problem.base_frame[:, :, 2]
+    off = [np.linalg.norm(cross(axis, own), axis=1) for own in (away / problem.length[:, None], frame[:, :, 2])]
+    aside = (kinds == BALL_AND_CLAMP) & (np.max(off, axis=0) >= ON_AXIS)
+    result = np.asarray(np.where(acting | aside, 0, kinds))
+    if forced.any():
+        forces, free = under_forces(problem)
+        spins = np.where(forced == ROUND_IN_BALLS, SPINS, 0)
+        result = np.where(forces, np.where(free, forced, spins), result)
+    return result
+
+
+def under_forces(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(28) Whether a rod is between two balls and forces alone act along it; whether these are along the line between the balls,
+    as is any slide. Shapes (instance_count,)."""
+    inputs, first = problem.read("inputs"), problem.table.along
+    force, torque, weight, field = (inputs[:, first + 3 * k : first + 3 * k + 3] for k in range(len(ALONG)))
+    moments = np.concatenate([inputs[:, problem.input_slice("tip_moment")], torque, field], axis=1).any(axis=1)
+    acting = (problem.table.forced.numpy() != 0) & ~moments & (force.any(axis=1) | weight.any(axis=1))
+    place, frame = problem.goal()
+    chord = place - problem.rod.table.base_position.numpy()
+    free = acting.copy()
+    for own in (force, weight, *([] if problem.holders.slide is None else [frame @ problem.holders.slide])):
+        sizes = np.linalg.norm(own, axis=1) * np.linalg.norm(chord, axis=1)
+        free &= np.linalg.norm(cross(own, chord), axis=1) <= ON_AXIS * sizes
+    return acting, free
+
+
+def force_along(problem: "HeldProblem") -> FloatArray:
+    """All that forces on a rod and its weight are together, in the world [N], shape (instance_count, 3)."""
+    inputs, first, arrays = problem.read("inputs"), problem.table.along, problem.rod.arrays
+    parts = np.diff(arrays.end[:, 0], axis=1, prepend=0.0)
+    mass = problem.rod.each((parts * arrays.material[:, 0, :, 9]).sum(axis=1))
+    return np.asarray(problem.length[:, None] * inputs[:, first : first + 3] + mass[:, None] * inputs[:, first + 6 : first + 9])
+
+
+def turned_to(axis: FloatArray, other: FloatArray) -> FloatArray:
+    """The least rotations (count, 3, 3) that lead unit vectors (count, 3) to others; by half a turn about any axis across."""
+    about, cosine = cross(axis, other), (axis * other).sum(axis=1)
+    any_across = cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=1)])
+    back = (cosine < 0) & (np.linalg.norm(about, axis=1) < ON_AXIS)
+    about = np.where(back[:, None], any_across, about)
+    sine = np.linalg.norm(about, axis=1)
+    angle = np.where(back, np.pi, np.arctan2(sine, cosine))
+    return matrices(about * (angle / np.where(sine == 0, 1.0, sine))[:, None])
+
+
+def hold_base(problem: "HeldProblem", turn: FloatArray, axis: FloatArray, chosen: NDArray[np.bool_]) -> None:
+    """(29) Hold the bases of the ``chosen`` along the ways in which they turn where they are turned by ``turn``, the line between
+    the balls being along ``axis``, both (instance_count, 3), in the frame of the base's holder."""
+    table, back = problem.table, inverse_left_jacobian(turn)
+    tangent = matrices(turn)[:, :, 2]
+    spins = table.forced.numpy() == ROUND_IN_BALLS
+
+    def unit(v: FloatArray) -> FloatArray:
+        size = np.linalg.norm(v, axis=1, keepdims=True)
+        return np.asarray(v / np.where(size > 0, size, 1.0))
+
+    spin = unit((back @ tangent[:, :, None])[:, :, 0])
+    whole = (back @ axis[:, :, None])[:, :, 0]
+    apart = (back @ (axis - tangent)[:, :, None])[:, :, 0]
+    apart -= (apart * spin).sum(axis=1)[:, None] * spin
+    # a straight rod spins where it is turned as one: any other way will do
+    other = cross(spin, np.eye(3)[np.argmin(np.abs(spin), axis=1)])
+    apart = np.where((np.linalg.norm(apart, axis=1) > STRAIGHT)[:, None], apart, other)
+    ways = np.stack([spin, np.where(spins[:, None], unit(apart), unit(whole))], axis=1)
+    at = np.einsum("bki,bi->bk", ways, turn) / problem.length[:, None]
+    for array, values in ((table.ways, ways), (table.held_at, at)):
+        array.assign(np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values, array.numpy()))
+
+
+def hold_bases_alone(problem: "HeldProblem") -> None:
+    """(29) As they are turned that point to their ends, for what begins from a guess."""
+    axis = problem.goal()[0] - problem.rod.table.base_position.numpy()
+    axis = np.einsum("bji,bj->bi", problem.base_frame, axis)
+    size = np.linalg.norm(axis, axis=1, keepdims=True)
+    axis = np.where(size > 0, axis / np.where(size > 0, size, 1.0), AXIS)
+    turn = vectors(turned_to(np.broadcast_to(AXIS, axis.shape), axis))
+    hold_base(problem, turn, axis, problem.table.forced.numpy() != 0)
+
+
+def holding(
+    problem: "HeldProblem", chosen: IntArray, unknowns: FloatArray, level: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """(28) What is taken off the moments at the bases of the ``chosen``, (count, 3), and its columns by their rotation vectors
+    over the length, (count, 3, 3), at unknowns (count, n) and levels of the load (count,); None where nothing is."""
+    table = problem.table
+    if not table.forced.numpy().any():
+        return None
+    acting, free = (own[chosen] for own in under_forces(problem))
+    spins = acting & (table.forced.numpy()[chosen] == ROUND_IN_BALLS)
+    fading = acting * np.maximum(1 - level, 0.0) * table.leading.numpy()[chosen]
+    weights = np.stack([spins, np.where(free, 1.0, fading)], axis=1)
+    length, ways = problem.length[chosen], table.ways.numpy()[chosen]
+    turn = length[:, None] * unknowns[:, problem.rod.unknown_count :]
+    lags = np.einsum("bki,bi->bk", ways, turn) / length[:, None] - table.held_at.numpy()[chosen]
+    return _held_along(ways * np.sqrt(weights)[:, :, None], lags * np.sqrt(weights), turn, length)
+
+
+def _held_along(ways: FloatArray, lags: FloatArray, turn: FloatArray, length: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same along ``ways`` (count, 2, 3) by whose ``lags`` (count, 2) [1/m] bases are off that are turned by ``turn``, both
+    times the root of their weights."""
+    rows, columns = np.zeros(turn.shape), np.zeros((*turn.shape, 3))
+    K, factor, rate = cross_matrix(turn), *(values[:, None, None] for values in _of_inverse(turn))
+    for q, lag in zip(ways.swapaxes(0, 1), lags.T, strict=True):
+        across = cross(turn, q)
+        twice = cross(turn, across)
+        turned = q - 0.5 * across + factor[:, 0] * twice
+        Q = cross_matrix(q)
+        change = 0.5 * Q - factor * (cross_matrix(across) + K @ Q) + rate * twice[:, :, None] * turn[:, None]
+        rows += lag[:, None] * turned
+        columns += turned[:, :, None] * q[:, None] + (lag * length)[:, None, None] * change
+    return rows, columns
+
+
+def _of_inverse(turn: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of the square in ``J^-1(turn)``, and its rate by the angle over that, shape (count,)."""
+    square = (turn**2).sum(axis=1)
+    small = square < SMALL
+    angle = np.where(small, 1.0, np.sqrt(square))
+    half = 0.5 * angle
+    cot, sine = 1 / np.tan(half), np.sin(half)
+    rate = -2 / angle**3 + cot / (2 * angle**2) + 0.25 / (angle * sine**2)
+    return (
+        np.where(small, 1 / 12 + square / 720, 1 / angle**2 - cot / (2 * angle)),
+        np.where(small, 1 / 360 + square / 7560, rate / angle),
+    )
+
+
+def straight_at_rest(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """Whether no part of the rod is bent at rest, shape (instance_count,)."""
+    curvature = problem.rod.arrays.precurvature
+    bent = np.abs(curvature.reshape(*curvature.shape[:3], -1, 3)[..., :2]).max(axis=(1, 2, 3, 4))
+    return np.asarray(problem.rod.each(bent) == 0)

@@ -1,0 +1,273 @@
+"""Rods between two balls under forces along them: what turns them for nothing is held, what acts tells the rest.
+
+Numbers in parentheses are those of ``docs/held.md``.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from held_energy import HeldEnergy
+from random_held import RODS, draw
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from test_held_segments import Cuts
+
+import multirod as mr
+from multirod.models.held.costless import _held_along, free_in_balls, hold_base, holding, turned_to
+from multirod.models.held.kernels.arguments import IN_BALLS, ROUND_IN_BALLS, SPINS
+
+EI, LENGTH = 0.02, 0.5
+BALLS = {"base_joint": "spherical", "joint": "spherical"}
+KIND = {"length": LENGTH, "torsional_stiffness": 0.75 * EI, "linear_density": 0.2}
+SOME = {
+    "round": {"bending_stiffness": EI},
+    "strip": {"bending_stiffness": (3 * EI, EI)},
+    "bent": {"bending_stiffness": EI, "precurvature": (2.0, 1.0, 0.5)},
+}
+WEIGHT = np.array([0.0, 0.0, -9.81])  # some 10 EI/L^3
+
+
+def spanning(rod: mr.Rod, x: float = 0.35, z: float = 0.1, **held) -> mr.HeldRod:
+    """From the origin to there, both ends in balls; the base's own axis is upright."""
+    end = np.eye(4)
+    end[:3, 3] = x, 0, z
+    return mr.HeldRod(rod, end=end, **BALLS, **held)
+
+
+def test_ways_along_which_bases_are_held_have_exact_columns():
+    """(28) in NumPy, by differences, from where series end to bases turned by some radians."""
+    random = np.random.default_rng(0)
+    ways, length = random.normal(size=(1, 2, 3)), np.array([0.5])
+    at = random.normal(size=(1, 2))
+    for size in (1e-4, 5e-3, 0.02, 1.0, 4.0):
+        turn = size * random.normal(size=(1, 3))
+
+        def held(own):
+            return _held_along(ways, np.einsum("bki,bi->bk", ways, own) / length[:, None] - at, own, length)
+
+        columns, step = held(turn)[1][0], 1e-6
+        for k in range(3):
+            ahead, behind = (held(turn + sign * step * length * np.eye(3)[k])[0][0] for sign in (1, -1))
+            np.testing.assert_allclose(columns[:, k], (ahead - behind) / (2 * step), rtol=1e-7, atol=1e-7)
+
+
+def test_least_rotations_lead_one_direction_to_another():
+    random = np.random.default_rng(0)
+    axis, other = (v / np.linalg.norm(v, axis=1)[:, None] for v in random.normal(size=(2, 8, 3)))
+    other[:2] = axis[0], -axis[1]
+    R = turned_to(axis, other)
+    np.testing.assert_allclose(np.einsum("bij,bj->bi", R, axis), other, rtol=0, atol=1e-14)
+    angles = np.linalg.norm(Rotation.from_matrix(R).as_rotvec(), axis=1)
+    np.testing.assert_allclose(np.cos(angles), (axis * other).sum(axis=1), rtol=0, atol=1e-14)
+
+
+def test_bases_are_held_along_the_ways_in_which_they_turn():
+    """(29) To the first order: a turn that costs nothing moves a base along a way that is held, by its whole rate."""
+    turn, axis = Rotation.from_rotvec((0.3, 0.8, -0.2)), np.array([1.0, 2.0, 2.0]) / 3
+    arrays = {}
+
+    def array(name, values):
+        return SimpleNamespace(numpy=lambda: values, assign=lambda new: arrays.update({name: new}))
+
+    for kind in (IN_BALLS, ROUND_IN_BALLS):
+        table = SimpleNamespace(
+            forced=array("forced", np.array([kind])),
+            ways=array("ways", np.zeros((1, 2, 3))),
+            held_at=array("held_at", np.zeros((1, 2))),
+        )
+        problem = SimpleNamespace(table=table, length=np.array([1.0]))
+        hold_base(problem, turn.as_rotvec()[None], axis[None], np.array([True]))
+        step, ways = 1e-6, arrays["ways"][0]
+        np.testing.assert_allclose(np.linalg.norm(ways, axis=1), 1, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(arrays["held_at"][0], ways @ turn.as_rotvec(), rtol=0, atol=1e-12)
+        spun, whole = turn * Rotation.from_rotvec((0, 0, step)), Rotation.from_rotvec(step * axis) * turn
+        spins, turns = (np.array([(own.as_rotvec() - turn.as_rotvec()) / step @ q for q in ways]) for own in (spun, whole))
+        if kind == IN_BALLS:
+            rate = (whole.as_rotvec() - turn.as_rotvec()) / step
+            assert turns[1] == pytest.approx(np.linalg.norm(rate), rel=1e-5)
+            continue
+        assert spins[0] == pytest.approx(np.linalg.norm((spun.as_rotvec() - turn.as_rotvec()) / step), rel=1e-5)
+        # spinning is held by the first alone, and the rest of turning as one by the second
+        assert abs(spins[1]) < 1e-5
+        assert turns[1] > 0.3
+
+
+@pytest.mark.parametrize("along", [False, True], ids=["across", "along"])
+@pytest.mark.parametrize("kind", SOME)
+def test_what_holds_turns_under_forces_has_exact_columns(kind, along):
+    """(28) By unknowns and by where the end is; by segments the rows are the same, and so are their columns."""
+    robot = spanning(mr.Rod(**KIND, **SOME[kind]))
+    force = (0.35, 0, 0.1) if along else (0.1, 0.5, -0.3)
+    given = robot.inputs(distributed_force=force)
+    problem = robot.problem(given, integrator=mr.RK4(40), **robot.input_directions("end_position"))
+    guess = problem.guess()
+    expected = {"round": ROUND_IN_BALLS if along else SPINS}.get(kind, IN_BALLS if along else 0)
+    assert free_in_balls(problem).tolist() == [expected]
+    random, m, every = np.random.default_rng(0), problem.rod.unknown_count, np.zeros(1, dtype=int)
+    for level in (0.4, 1.0):
+        for size in (1e-3, 1.0, 3.0):
+            x, step = guess + size * random.normal(size=guess.shape), 1e-6
+            with problem.at_load(level):
+                problem.write("unknowns", x)
+                residual, gamma = (own[0].copy() for own in problem.evaluate(x))
+                held, columns = holding(problem, every, x, np.array([level]))
+                for k, own in enumerate(np.eye(problem.unknown_count)):
+                    ahead, behind = (problem.evaluate(x + sign * step * own)[0][0].copy() for sign in (1, -1))
+                    np.testing.assert_allclose(gamma[:, k], (ahead - behind) / (2 * step), rtol=0, atol=1e-6)
+            opening = (1 - level) * problem.table.opening.numpy()[0, m:]
+            np.testing.assert_allclose(residual[m:], x[0, :3] - held[0] - opening, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(gamma[m:, m:], -columns[0], rtol=0, atol=1e-11)
+            edges, steps = np.array([0.0, LENGTH]), np.full(1, 40, dtype=np.int32)
+            begin = problem.segments.base_state(every, x)
+            cuts = Cuts(every, np.array([0, 1]), edges[:1], edges[1:], begin, x, steps)
+            found = problem.segments.propagate(cuts, np.array([level]))
+            np.testing.assert_allclose(found.residual[0], residual, rtol=0, atol=1e-9)
+            places = problem.segments.unknown_places
+            np.testing.assert_allclose(found.residual_columns[0][:, places], gamma, rtol=0, atol=1e-7)
+    assert np.abs(held).max() > 1e-3 or expected == 0  # nothing is held at the full load that what acts tells
+
+
+@pytest.mark.parametrize("span", [0.8, 0.5])
+def test_a_soft_cable_is_a_catenary(span):
+    """Its sag and thrust to the first order of how stiff it is, ten times nearer where it is ten times softer."""
+    a = brentq(lambda a: 2 * a * np.sinh(span / (2 * a)) - 1, 0.05, 10)
+    errors = []
+    for stiffness in (1e-3, 1e-4):
+        cable = mr.Rod(length=1.0, bending_stiffness=stiffness, torsional_stiffness=stiffness, linear_density=0.05)
+        robot = spanning(cable, span, 0.0)
+        found = mr.solve(robot, robot.inputs(gravity=WEIGHT)).raise_if_failed()
+        sag, pull = -found.rod(0, nodes=3).position[1, 2], found.end_force
+        weight = 0.05 * 9.81
+        np.testing.assert_allclose(pull[1:], (0, weight / 2), rtol=0, atol=1e-5 * weight)
+        errors.append([sag / (a * (np.cosh(span / (2 * a)) - 1)) - 1, pull[0] / (weight * a) - 1])
+    errors = np.array(errors)
+    assert np.abs(errors[0]).max() > 1e-3
+    assert (np.abs(errors[1]) < 0.3 * np.abs(errors[0]) + 2e-4).all()
+    assert np.abs(errors[1]).max() < 0.05
+
+
+@pytest.mark.parametrize("kind", SOME)
+def test_turned_and_mirrored_rods_between_balls_are_turned_and_mirrored(kind):
+    """And how the base's holder is turned is of no account: in a ball, nothing tells it."""
+    rod = mr.Rod(**KIND, **SOME[kind])
+    robot = spanning(rod)
+    force = np.array([0.1, 1.5, -0.9])
+    found = mr.solve(robot, robot.inputs(gravity=WEIGHT, distributed_force=force)).raise_if_failed()
+    assert found.stability is mr.Stability.STABLE
+    assert found.integrations < 100
+    place, pull = found.rod(0, nodes=9).position, found.end_force
+    turn = Rotation.from_rotvec((1.1, -0.7, 2.0)).as_matrix()
+    for holder in (np.eye(3), Rotation.from_rotvec((0.4, 1.3, -0.8)).as_matrix()):
+        base, end = np.eye(4), np.eye(4)
+        base[:3, :3], end[:3, 3] = turn @ holder, turn @ (0.35, 0, 0.1)
+        other = mr.HeldRod(rod, base=base, end=end, **BALLS)
+        again = mr.solve(other, other.inputs(gravity=turn @ WEIGHT, distributed_force=turn @ force)).raise_if_failed()
+        # the error of the integration, as its steps are others'
+        np.testing.assert_allclose(again.rod(0, nodes=9).position, place @ turn.T, rtol=0, atol=1e-7 * LENGTH)
+        np.testing.assert_allclose(again.end_force, turn @ pull, rtol=0, atol=1e-6 * EI / LENGTH**2)
+        assert again.potential == pytest.approx(found.potential, abs=1e-7 * EI / LENGTH)
+    if kind == "bent":
+        return  # its mirror image is another rod
+    flip = np.array([1.0, -1.0, 1.0])
+    mirrored = mr.solve(robot, robot.inputs(gravity=WEIGHT, distributed_force=flip * force)).raise_if_failed()
+    np.testing.assert_allclose(mirrored.rod(0, nodes=9).position, place * flip, rtol=0, atol=1e-7 * LENGTH)
+
+
+@pytest.mark.parametrize("kind", SOME)
+def test_a_path_begins_where_forces_do_the_most_work(kind):
+    """(30) The rod at rest, or as it buckles, turned about the line between the balls: any other way, it would be higher."""
+    robot = spanning(mr.Rod(**KIND, **SOME[kind]))
+    force = np.array([0.1, 1.5, -0.9])
+    problem = robot.problem(robot.inputs(distributed_force=force), integrator=mr.RK4(40))
+    x = problem.guess()
+    with problem.at_load(0.0):
+        residual, _ = problem.evaluate(x)
+        problem.write("unknowns", x)
+        places = problem.shapes.at_nodes(41)[0][0].position[0]
+    np.testing.assert_allclose(residual, 0, rtol=0, atol=1e-6)  # (23) settles in some steps
+    axis = places[-1] / np.linalg.norm(places[-1])
+    np.testing.assert_allclose(axis, np.array([0.35, 0, 0.1]) / np.hypot(0.35, 0.1), rtol=0, atol=1e-7)
+    middle = places[:-1].mean(axis=0)
+    aside, across = middle - (middle @ axis) * axis, force - (force @ axis) * axis
+    cosine = aside @ across / np.linalg.norm(aside) / np.linalg.norm(across)
+    assert cosine > 0.999  # the touch by which it is told bends the rod by as much
+
+
+@pytest.mark.parametrize("kind", SOME)
+def test_what_acts_tells_how_a_rod_between_balls_is_turned(kind):
+    """Its base bears no moment, and from elsewhere, held otherwise, it comes to the same; a round one may have spun."""
+    robot = spanning(mr.Rod(**KIND, **SOME[kind]))
+    inputs = robot.inputs(gravity=WEIGHT)
+    found = mr.solve(robot, inputs).raise_if_failed()
+    assert np.abs(found.unknowns[:3]).max() < 1e-7  # 1/m: M(0)/EI, but for the tolerance
+    around = found.unknowns.copy()
+    a = Rotation.from_rotvec(LENGTH * around[-3:])
+    aside = a * Rotation.from_rotvec((0, 0, 0.4)) if kind == "round" else a * Rotation.from_rotvec((0.02, 0.01, 0.03))
+    around[-3:] = aside.as_rotvec() / LENGTH
+    if kind == "round":  # the force is told in the frame that turns with the base
+        around[3:6] = Rotation.from_rotvec((0, 0, -0.4)).apply(around[3:6])
+    again = mr.solve(robot, inputs, guess=around).raise_if_failed()
+    np.testing.assert_allclose(again.rod(0, nodes=9).position, found.rod(0, nodes=9).position, rtol=0, atol=1e-7 * LENGTH)
+    frames = [Rotation.from_matrix(own.rod(0, nodes=3).rotation[0]) for own in (found, again)]
+    spun = (frames[0].inv() * frames[1]).as_rotvec()
+    np.testing.assert_allclose(spun[:2], 0, rtol=0, atol=1e-6)
+    assert abs(spun[2]) < 1e-6 or kind == "round"
+
+
+def test_a_moment_spins_a_rod_between_balls_and_nothing_holds_it():
+    """A twist on a round rod that both balls let turn has no equilibrium: what held it would be no answer."""
+    robot = spanning(mr.Rod(**KIND, **SOME["round"]))
+    for loads in ({"tip_moment": (1e-3, 0, 0)}, {"distributed_moment": (1e-3, 0, 0)}):
+        problem = robot.problem(robot.inputs(gravity=WEIGHT, **loads), integrator=mr.RK4(20))
+        problem.guess()
+        assert free_in_balls(problem).tolist() == [0]
+        held, _ = holding(problem, np.zeros(1, dtype=int), np.ones((1, problem.unknown_count)), np.ones(1))
+        assert not held.any()
+
+
+def test_a_cable_follows_its_weight_around():
+    """A motion goes where each of its samples does; past where its end is above the base it falls over."""
+    robot = spanning(mr.Rod(**KIND, **SOME["round"]))
+    angle = np.linspace(0, 2 * np.pi, 21)
+    gravity = 9.81 * np.stack([0 * angle, np.sin(angle), -np.cos(angle)], axis=1)
+    motion = mr.simulate(robot, robot.inputs(gravity=gravity), time=angle).raise_if_failed()
+    apart = mr.solve(robot, robot.inputs(gravity=gravity)).raise_if_failed()
+    assert (motion.stability == mr.Stability.STABLE).all()
+    np.testing.assert_allclose(motion.rod(0, nodes=5).position, apart.rod(0, nodes=5).position, rtol=0, atol=1e-7 * LENGTH)
+
+
+@pytest.mark.parametrize("kind", SOME)
+def test_instances_under_forces_leave_those_without_as_they_are_alone(kind):
+    """A round rod beside one under its weight was not held against its spin."""
+    robot = mr.HeldRod(mr.Rod(**KIND, **SOME[kind]), **BALLS)
+    push = np.array([0.02, 0, -0.1]) * LENGTH
+    both = mr.solve(robot, robot.inputs(end_position=push, gravity=[(0, 0, 0), WEIGHT])).raise_if_failed()
+    alone = mr.solve(robot, robot.inputs(end_position=push)).raise_if_failed()
+    np.testing.assert_allclose(both[0].rod(0, nodes=5).position, alone.rod(0, nodes=5).position, rtol=0, atol=1e-7 * LENGTH)
+    assert both[0].integrations == alone.integrations
+
+
+@pytest.mark.parametrize("rod", RODS)
+def test_rods_between_balls_are_minima_of_the_energy_on_segments(rod):
+    """Drawn by lot: stationary within the error of 16 segments, and nothing is unstable; a round one spins for nothing."""
+    for number in (RODS.index(rod), RODS.index(rod) + 20):
+        drawn = draw(number)
+        found = mr.solve(drawn.robot, drawn.inputs).raise_if_failed()
+        assert found.stability is mr.Stability.STABLE
+        energy = HeldEnergy.of(drawn, 16)
+        nodes, places = energy.at_nodes(found)
+        q, values = energy.stationary(nodes, steps=3)
+        apart = np.linalg.norm(energy.shape(q[None])[0] - places, axis=1).max() / energy.h.sum()
+        # chords of segments: a 24th of the square of how much one of them is bent, and loads at their middles
+        assert apart < 1e-2
+        spins = int(rod in ("round", "uneven"))
+        assert (np.abs(values[:spins]) < 1e-3).all()
+        assert values[spins] > 1e-3
+
+
+def test_rods_between_balls_drawn_by_lot_are_solved():
+    """``python tests/benchmarks/held_loads.py`` counts more; of such scenes one in ten was."""
+    found = [mr.solve(drawn.robot, drawn.inputs) for drawn in map(draw, range(1, 80, 4))]
+    assert all(not own.failed for own in found)
+    assert sum(own.status is mr.Status.CONVERGED and own.stability is mr.Stability.STABLE for own in found) >= 19
