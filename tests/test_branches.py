@@ -388,6 +388,35 @@ def test_two_tubes_snap_across_where_their_torsion_says_and_back():
     assert np.linalg.norm(stable - history.tip_position[after], axis=1).min() < 1e-6
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # of unit stiffness and length
+@pytest.mark.parametrize(("curvature", "straight"), [(4.0, 0.5), (5.0, 1.0)])
+def test_tubes_that_would_snap_though_their_tips_were_held_go_to_the_next_turn(curvature, straight):
+    """Angles that creep, a_t = a'' - c sin a, rise together until all meet the next equilibrium: its tip is a turn further."""
+    shape = [(straight, (0, 0, 0)), (1.0, (curvature, 0, 0))]
+    tube = mr.Rod(length=1 + straight, bending_stiffness=1, torsional_stiffness=1, precurvature=shape)
+    robot = mr.ConcentricTubes([tube, tube])
+    time = np.linspace(0, 1, 121)
+    angle = 18.0 * time
+    history = mr.simulate(robot, robot.inputs(rotation=np.stack([angle, 0 * angle], axis=-1)), time=time)
+    assert not history.failed.any()
+    events = [event for sample in history.events for event in sample]
+    assert events
+    assert all(event.status is mr.Status.SNAPPED and event.fold and event.energy_lost > 0 for event in events)
+    first = int(np.flatnonzero(history.status == mr.Status.SNAPPED)[0])
+
+    def base(tip: float) -> tuple[float, float]:
+        """Angle and torsion at the base, of a tip that is at an angle."""
+        curved = solve_ivp(lambda _, y: (y[1], curvature**2 * np.sin(y[0])), (1, 0), (tip, 0), rtol=1e-11, atol=1e-12)
+        there, torsion = curved.y[:, -1]
+        return there - straight * torsion, torsion
+
+    turn = 2 * np.pi
+    farthest = minimize_scalar(lambda tip: -base(tip)[0], bounds=(turn, turn + 2), method="bounded").x  # where that snaps
+    tip = brentq(lambda tip: base(tip)[0] - angle[first], turn, farthest)
+    # equal tubes share the torsion between them, with GJ = 1; RK45's tolerance beside that of a residual
+    assert history.rod(0).moment[first, 0, 2] == pytest.approx(0.5 * base(tip)[1], rel=1e-6)
+
+
 # ---- loads whose sideways parts nearly cancel: a rod bends in their plane and turns about its axis at almost no cost ----
 
 NEARLY_AXIAL = mr.SingleRod(mr.Rod(length=0.12, bending_stiffness=6e-4, torsional_stiffness=6e-4 / 1.3))

@@ -12,6 +12,7 @@ from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
 from multirod.solvers.following.many import BALANCED, alike
+from multirod.solvers.following.ordered import next_rest
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Run, Trace, Weigh
 from multirod.solvers.following.valley import FIRST, LONGEST, by_residuals, by_turns, down_valley, in_valley
 from multirod.status import Status
@@ -251,7 +252,11 @@ class Walk:
         if slope.clamps:
             landed = yield from self._descend_clamped(point, slope, first)
             return landed
-        return (yield from self._ask(Descend(point, slope, first, self.within, self._left))).point
+        landed = (yield from self._ask(Descend(point, slope, first, self.within, self._left))).point
+        if landed is None and len(point.unknowns) == 1:  # it would snap though its tip be held
+            way = slope.change(first) if first.any() else slope.step(RADIUS)
+            landed = yield from next_rest(self._at, point, float(np.sign(way[0])), self.within)
+        return landed
 
     def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """The same by the turns of clamps: in steps that (9) says are short enough, as ends that are held bend the way."""
