@@ -329,6 +329,12 @@ def test_bad_estimators(make, options, error, message):
         ([(np.zeros(2), np.eye(3))], {}, ValueError, r"measured\[0\], position"),
         ([(np.zeros(3), 2 * np.eye(3))], {}, ValueError, "must be a rotation"),
         ([(np.zeros(3), -np.eye(3))], {}, ValueError, "must be a rotation: .* a mirror image"),
+        (
+            [mr.Pose(position=(0, 0, 0.4), sigma=1e-4)],
+            {},
+            ValueError,
+            "the numbers alone .* its position, rotation",
+        ),
         ([None], {"tip_force": (0, 0, 1)}, TypeError, "takes no 'tip_force': it is estimated"),
         ([None], {"rotatoin": 1.0}, TypeError, "did you mean 'rotation'"),
     ],
@@ -336,6 +342,14 @@ def test_bad_estimators(make, options, error, message):
 def test_bad_samples(make, measured, changes, error, message):
     with pytest.raises(error, match=message):
         make().step(measured, **changes)
+
+
+def test_a_recorder_is_given_the_solution_of_an_estimate(make, wandering, tmp_path):
+    sample = make().step([(wandering[1][0], wandering[2][0])])
+    with mr.Recorder(tmp_path / "loop.rrd") as recorder:
+        with pytest.raises(TypeError, match=r"the Solution of one sample, not Estimate; give its \.solution"):
+            recorder.log(0.0, sample)
+        recorder.log(0.0, sample.solution)
 
 
 def test_a_time_step_in_milliseconds_is_warned_of(make):

@@ -288,7 +288,8 @@ class Recorder(Uncopied):
             if value is None and field == "reference":
                 continue
             if not isinstance(value, Solution) or isinstance(value, History):
-                raise TypeError(f"Recorder.log.{field} takes the Solution of one sample, not {type(value).__name__}")
+                own = "; give its .solution" if isinstance(getattr(value, "solution", None), Solution) else ""
+                raise TypeError(f"Recorder.log.{field} takes the Solution of one sample, not {type(value).__name__}{own}")
             if self._assembly is None:
                 self._assembly, self._batch_shape = value.assembly, value.batch_shape
             if field == "solution" and value.assembly is not self._assembly:

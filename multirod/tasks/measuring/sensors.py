@@ -247,6 +247,10 @@ class Live(Measured):
         """Take what a sensor says; which rows there are, None for all."""
         if value is None:
             return np.zeros(sensor.count, dtype=bool)
+        if isinstance(value, Sensor):
+            says = "value" if isinstance(sensor, Curvature) else ", ".join(self._names[k])
+            where = "what the sensor is, and its sigma, were said once, by sensors="
+            refuse(f"measured[{k}]", value, f"must be the numbers alone that it says now, its {says}: {where}")
         if isinstance(sensor, Curvature):
             tail, bent = (len(sensor.at), sensor.components), self.rows[k]
             if not self._batch_shape and isinstance(bent, CurvatureRows) and plain(value, tail):
