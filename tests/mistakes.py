@@ -840,8 +840,8 @@ GROUPS: dict[str, list[Mistake]] = {
             "mr.estimate(robot, unknown={'tip_force': mr.Prior(sigma=0.5), 'bending_stiffness': mr.Prior(1, sigma=0.1)}, "
             "measured=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3))",
             TypeError,
-            "known loads; then ask for tip_force with the robot that it returns",
-            "mr.calibrate, then mr.estimate(fit.robot, ...)",
+            "unknown='tip_force') finds that from measurements, and the others with it",
+            "mr.calibrate(..., unknown=...)",
         ),
         Mistake(
             "measured strains for curvatures",

@@ -72,6 +72,7 @@ def calibration_from(table: Mapping[str, Any], where: str) -> Calibration[Any]:
     own = {name: value for name, value in table.items() if name not in ("kind", "solution")}
     own["places"] = {name if isinstance(name, str) else tuple(name): slice(*ends) for name, *ends in own["places"]}
     own |= {"status": Status(own["status"]), "labels": tuple(own["labels"]), "hardly_seen": tuple(own["hardly_seen"])}
+    own["unknown"] = tuple(own.get("unknown", ()))
     found = Fitted(**own)
     if not len(found.values) == len(found.labels) == len(found.covariance):
         raise ValueError(f"{where}{len(found.values)} values do not go with {len(found.labels)} labels")

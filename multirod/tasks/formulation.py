@@ -205,11 +205,12 @@ def freed(field: str, robot: Assembly, free: object) -> tuple[str, ...]:
     specs = {spec.name: spec for spec in robot.input_specs}
     own = [name for name in names if name not in specs and name in robot.parameters]
     if own:
-        inputs = ", ".join(name for name in names if name in specs)
+        inputs = [name for name in names if name in specs]
+        together = f", unknown={inputs[0] if len(inputs) == 1 else tuple(inputs)!r}" if inputs and field == "unknown" else ""
         raise TypeError(
             f"{field} takes inputs of the robot, and {own[0]!r} is a number of its rods: "
-            f"mr.calibrate(parameters={own[0] if len(own) == 1 else own!r}) finds that from measurements under known loads"
-            + (f"; then ask for {inputs} with the robot that it returns" if inputs else "")
+            f"mr.calibrate(parameters={own[0] if len(own) == 1 else own!r}{together}) finds that from measurements"
+            + (", and the others with it" if together else " under known loads")
         )
     unknown_names(field, names, specs)
     if not names or len(set(names)) < len(names):

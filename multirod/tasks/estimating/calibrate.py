@@ -2,8 +2,8 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Generic, Self
+from dataclasses import dataclass, field
+from typing import Any, Generic, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,18 @@ from multirod.results.solution import Solution, SolveError
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Solver
 from multirod.status import Status
-from multirod.tasks.estimating.estimate import SEEN, inconsistent
+from multirod.tasks.estimating.estimate import SEEN, checked_priors, estimate, inconsistent
 from multirod.tasks.estimating.fit import Fit
 from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square
+from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
 from multirod.tasks.estimating.priors import Prior
+from multirod.tasks.formulation import places_of
+from multirod.tasks.limits import freed_labels
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, device_name, frozen, instance, positive_int, refuse, shown
+from multirod.validation import Described, FloatArray, device_name, frozen, instance, positive_int, refuse, shown, some_names
 
 HARDLY_SEEN = 1.0  # deviation, of factors over what was, of precurvatures in 1/m: a step there is a leap
 
@@ -35,6 +38,8 @@ class Fitted:
     Attributes:
         places: Where the numbers of each parameter are among all.
         hardly_seen: Labels of numbers of which the measurements say next to nothing.
+        unknown: Names of the inputs that were found beside them.
+        load_covariance: Of these, of each shape, (b, k, k).
     """
 
     places: dict[Key, slice]
@@ -49,6 +54,8 @@ class Fitted:
     values: FloatArray
     covariance: FloatArray
     hardly_seen: tuple[str, ...]
+    unknown: tuple[str, ...] = ()
+    load_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
 
 class Calibration(Generic[Robot_co]):
@@ -66,7 +73,8 @@ class Calibration(Generic[Robot_co]):
 
     Attributes:
         robot: The fitted one, as it was where the fit failed.
-        solution: Its equilibria at the inputs.
+        solution: Its equilibria at the inputs, those that were found among them.
+        unknown: Names of these.
         parameters: Names, or tuples of those that share a factor, in their order.
         labels: What each number is, of all parameters one after another.
         status: Why it ended: ``CONVERGED``, or why it failed.
@@ -81,7 +89,7 @@ class Calibration(Generic[Robot_co]):
         self.robot = solution.assembly
         self.solution = solution
         self._found = found
-        self.parameters = tuple(found.places)
+        self.parameters, self.unknown = tuple(found.places), found.unknown
         self.labels, self.status = found.labels, found.status
         self.iterations, self.integrations = found.iterations, found.integrations
         self.missing: NDArray[np.bool_] = frozen(found.missing)
@@ -98,23 +106,34 @@ class Calibration(Generic[Robot_co]):
         return bool(self.misfit <= largest_square(np.asarray(self.degrees), CONSISTENT))
 
     def value(self, name: Key) -> FloatArray:
-        """The numbers of a parameter, shape (k,): of stiffnesses over what they were."""
+        """The numbers of a parameter, shape (k,): of stiffnesses over what they were; of an input that was found, of each shape,
+        (..., k)."""
+        if name in self.unknown:
+            return np.asarray(frozen((np.nan if self.failed else 1.0) * getattr(self.solution.inputs, str(name))))
         return np.asarray(frozen(self._found.values[self._place(name)]))
 
     def covariance(self, name: Key | None = None) -> FloatArray:
-        """(6) Theirs, shape (k, k); without a name, of all; infinite, and NaN beside, where nothing determines a number."""
+        """(6) Theirs, shape (k, k), or (..., k, k); without a name, of all parameters; infinite, and NaN beside, where nothing
+        determines a number."""
+        if name in self.unknown:
+            own = self._found.load_covariance[(slice(None), *[places_of(self.solution.inputs, self.unknown)[str(name)]] * 2)]
+            return np.asarray(frozen(own.reshape(*self.solution.batch_shape, *own.shape[1:])))
         place = slice(None) if name is None else self._place(name)
         return np.asarray(frozen(self._found.covariance[place, place]))
 
     def sigma(self, name: Key) -> FloatArray:
-        """Standard deviations, shape (k,)."""
-        return np.asarray(frozen(np.sqrt(np.diagonal(self.covariance(name)))))
+        """Standard deviations, shape (k,) or (..., k)."""
+        return np.asarray(frozen(np.sqrt(np.diagonal(self.covariance(name), axis1=-2, axis2=-1))))
 
     @property
     def observable(self) -> dict[Key, NDArray[np.bool_]]:
-        """Whether the measurements say more of each number than its prior does, (k,) by name."""
+        """Whether the measurements say more of each number than its prior does, (k,) by name; of inputs whether they, with all
+        that is known, determine it, (..., k)."""
         part = kept(self._found.covariance, self._found.prior)
-        return {name: np.asarray(frozen(part[place] <= SEEN)) for name, place in self._found.places.items()}
+        result = {name: np.asarray(frozen(part[place] <= SEEN)) for name, place in self._found.places.items()}
+        for name in self.unknown:
+            result[name] = np.asarray(frozen(np.isfinite(self.sigma(name))))
+        return result
 
     def raise_if_failed(self) -> Self:
         """Return ``self`` if there is a result.
@@ -153,13 +172,18 @@ class Calibration(Generic[Robot_co]):
     def __repr__(self) -> str:
         if self.failed:
             return f"Calibration({self.status.name}: {self._why})"
-        seen = np.concatenate([self.observable[name] for name in self.parameters])
-        sigma = np.sqrt(np.diagonal(self._found.covariance))
-        width = max(map(len, self.labels))
+        labels, names, rest = list(self.labels), list(self.parameters), []
+        if self.solution.batch_shape:
+            rest = [f"  and {', '.join(self.unknown)} of each shape"] if self.unknown else []
+        else:
+            names += self.unknown
+            labels += freed_labels(self.unknown, [len(self.value(name)) for name in self.unknown])
+        told = [np.concatenate([own(name) for name in names]) for own in (self.value, self.sigma, self.observable.__getitem__)]
+        width = max(map(len, labels))
         lines = [
             f"  {label:<{width}}{value:>12.6g} +- {spread:.2g}{'' if own else '  (unobservable)'}"
-            for label, value, spread, own in zip(self.labels, self._found.values, sigma, seen, strict=True)
-        ]
+            for label, value, spread, own in zip(labels, *told, strict=True)
+        ] + rest
         head = f"Calibration({self.status.name}, misfit {self.misfit:.4g} of {self.degrees})"
         doubt = [] if self.consistent else [f"  {inconsistent(self.misfit, self.degrees)}"]
         return "\n".join([head, *lines, *doubt])
@@ -171,12 +195,13 @@ def calibrate(
     *,
     parameters: str | Sequence[Key] | Mapping[Key, Prior],
     measured: Sensor | Sequence[Sensor],
+    unknown: str | Sequence[str] = (),
     solver: Solver | None = None,
     guess: Solution | Numbers | None = None,
     max_iterations: int = 30,
     device: str = "cpu",
 ) -> Calibration[Robot]:
-    """Fit parameters of a robot to measured shapes, which share them (``docs/estimation.md``).
+    """Fit parameters of a robot to measured shapes, which share them, and loads of each shape (``docs/estimation.md``).
 
     An iteration is one integration of each shape.
 
@@ -188,6 +213,8 @@ def calibrate(
             robot has, and of the first four its ``sigma`` is relative. Those in a tuple share one factor, of all rods:
             ``[("bending_stiffness", "torsional_stiffness"), "precurvature"]`` fits a common modulus.
         measured: ``Pose``, ``Curvature``, or several, each with ``sigma``; leading axes as those of ``inputs``.
+        unknown: Names of inputs that nobody knows, such as ``tip_force``: of each shape they are found beside the parameters,
+            from where ``inputs`` have them. None that the robot limits, as it does tensions; 2000 numbers in all.
         solver: That finds the equilibria of the robot as it is; its integrator and tolerance are used.
         guess: Where these begin.
         max_iterations: Steps allowed.
@@ -204,13 +231,16 @@ def calibrate(
     if robot.batch_shape:
         refuse("robot", Described(f"leading axes {robot.batch_shape}"), "must be one robot, which all shapes share")
     given, sensors = robot.accept(inputs), checked("measured", measured)
+    names = _unknown(robot, given, unknown)
     most = positive_int("max_iterations", max_iterations)
     numbers = Parameters(robot, _checked(robot, parameters))
     shape = np.broadcast_shapes(given.batch_shape, batch_of(sensors))
+    whole = given.with_arrays(given.arrays | {name: getattr(given, name) for name in names}).broadcast_to(shape)
+    loads = Loads(robot, whole, names, numbers.count)
     places = Places(robot, given, sensors)
     rows = Measured(sensors, places, shape, None)
     refuse_nothing("measured", rows.known)
-    flat = int(np.isinf(np.diagonal(numbers.prior)).sum())
+    flat = int(np.isinf(np.diagonal(numbers.prior)).sum()) + loads.mean.size
     if flat > rows.known.sum():
         refuse(
             "parameters",
@@ -218,17 +248,31 @@ def calibrate(
             f"must be at most as many as are measured, {rows.known.sum()}: the others are unobservable; give them priors, or "
             "measure more shapes",
         )
-    whole = given.broadcast_to(shape)
-    begin = solve(robot, whole, solver=method, guess=guess, device=device, progress=False)
+    start = whole
+    if names and loads.count <= rows.known.sum(axis=1).min():
+        # as they are of the robot as it is: from anywhere both at once would take long
+        options: dict[str, Any] = {"solver": method, "guess": guess, "max_iterations": most, "device": device}
+        alone = estimate(robot, whole, unknown={name: Prior() for name in names}, measured=sensors, **options)
+        start, guess = loads.at(whole, alone), alone.solution
+    begin = solve(robot, start, solver=method, guess=guess, device=device, progress=False)
     begin.raise_if_failed()
-    fit = Fit(robot, whole, numbers, rows, method, begin, device)
+    fit = Fit(robot, whole, numbers, loads, rows, method, begin, device)
     fit.degrees = int(rows.known.sum()) - flat
     fit.run(most)
     return Calibration(fit.solution, _fitted(numbers, fit))
 
 
+def _unknown(robot: Assembly, inputs: Inputs, unknown: object) -> tuple[str, ...]:
+    """Inputs that nobody knows, without priors: these would say how stiff rods are, the less stiff the smaller loads are."""
+    if isinstance(unknown, Mapping):
+        refuse("unknown", Described("priors by name"), f"must be names, {tuple(unknown)}: of these loads nothing is known")
+    names = some_names("unknown", unknown)
+    return tuple(checked_priors(robot, inputs, {name: Prior() for name in names})) if names else ()
+
+
 def _fitted(numbers: Parameters, fit: Fit) -> Fitted:
-    covariance = numbers.covariance(fit.p, fit.covariance)
+    loads, shared = fit.loads, slice(fit.loads.shared)
+    covariance = numbers.covariance(fit.p[shared], fit.covariance[shared, shared])
     spread = zip(numbers.labels, np.sqrt(np.diagonal(covariance)), strict=True)
     lost = np.nan if fit.status.failed else 1.0
     return Fitted(
@@ -241,9 +285,11 @@ def _fitted(numbers: Parameters, fit: Fit) -> Fitted:
         misfit=float(fit.square),
         degrees=fit.degrees,
         prior=numbers.prior,
-        values=lost * numbers.values(fit.p),
+        values=lost * numbers.values(fit.p[shared]),
         covariance=lost * covariance,
         hardly_seen=tuple(label for label, own in spread if own > HARDLY_SEEN),
+        unknown=loads.names,
+        load_covariance=lost * loads.blocks(fit.covariance),
     )
 
 
