@@ -72,7 +72,7 @@ class Drive:
     count: wp.array[int]  # (2,): instances that are under way, and that asked
     active: wp.array[int]  # of the problem
     rough: wp.array[int]  # whether the next integration is a coarse one
-    roughly: wp.array[int]  # whether the first of this drive was
+    roughly: wp.array[int]  # whether that of the start was
     status: wp.array[int]
     integrations: wp.array[int]
     allowed: wp.array[int]
@@ -217,6 +217,7 @@ def accept(s: wp.ref[Drive], t: int) -> bool:
     s.merit[t] = merit
     if s.begun[t] == 0:
         s.begun[t] = 1
+        s.roughly[t] = s.rough[t]
         put(s.first_errors, s.found, t)
         put(s.base_errors, s.found, t)
         s.first_sign[t] = s.sign[t]

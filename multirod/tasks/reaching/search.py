@@ -117,8 +117,20 @@ class Search:
         arrays.fetch()
         if self.all_reached:
             return
+        self._begin_exactly(np.flatnonzero(chosen & (self.status != REACHED) & (self._values["roughly"] != 0)))
         self._settle(np.flatnonzero(chosen & (self.status == AT_LIMIT)))
         self._say_why(np.flatnonzero(self.status == NOT_REACHED))
+
+    def _begin_exactly(self, rows: IntArray) -> None:
+        """How far off those were where they began, of which a coarse integration told, and which is told of again."""
+        if not len(rows):
+            return
+        chosen = np.zeros(len(self.status), dtype=bool)
+        chosen[rows] = True
+        self.here.x[rows], self.here.p[rows] = self.start.x[rows], self.start.p[rows]
+        found = self.task.evaluate(self.here.x, self.here.p, chosen)
+        self.integrations[rows] += 1
+        self._first_errors[rows] = self.goals.rows.take(rows).at(found)[0]
 
     def _settle(self, rows: IntArray) -> IntArray:
         """Bring those that limits hold to their equilibria: steps along limits may end before the rest of the robot is at rest.

@@ -97,10 +97,10 @@ def by_coarse(s: wp.ref[Drive], t: int) -> int:
 
 @wp.func(inline=False)
 def shorten(s: wp.ref[Drive], t: int):
-    """Try a shorter part of the way, from where the last one ended; what was tried by coarse integrations begins anew."""
+    """Try a shorter part of the way, from where the last one ended; without coarse integrations, the start's own too."""
+    s.rough[t] = 0
     if s.roughly[t] != 0:
-        begin(s, t, 0)
-        return
+        s.begun[t] = 0
     s.part[t] = s.part[t] * f64(wp.static(SHORTENED))
     if s.part[t] < s.settings[wp.static(LEAST)]:
         put_place(s.last_x, s.last_p, s.base_x, s.base_p, t)
@@ -211,9 +211,6 @@ def rest_at_target(s: wp.ref[Drive], t: int, asked: int):
 @wp.func(inline=False)
 def rest(s: wp.ref[Drive], t: int, asked: int):
     """Steps have come to rest, or are too many."""
-    if s.roughly[t] != 0:
-        begin(s, t, 0)
-        return
     if s.goal[t] == f64(1.0):
         rest_at_target(s, t, asked)
         return
