@@ -58,7 +58,7 @@ class Leg:
     def curved(self, turns: np.ndarray) -> np.ndarray:
         """Curvature of all segments, their nodes turned by (..., segment, 6)."""
         start, end = rotation(turns[..., :3]) @ self.frames[:-1], rotation(turns[..., 3:6]) @ self.frames[1:]
-        return vector_of(np.swapaxes(start, -1, -2) @ end) / self.h
+        return vector_of(np.swapaxes(start, -1, -2) @ end) / np.reshape(self.h, (-1, 1))
 
     def bent(self, turns: np.ndarray) -> np.ndarray:
         """Energies of all segments, (..., segment)."""
@@ -81,39 +81,6 @@ class Leg:
         self.frames[1:] = rotation(step[: 3 * self.count].reshape(-1, 3)) @ self.frames[1:]
         if self.axial is not None:
             self.stretch = self.stretch + step[3 * self.count : self.size]
-
-
-@dataclass
-class SleevedLeg(Leg):
-    """A leg that carries a second tube on its first segments, turned against it by ``angle`` at its nodes, (node,) [rad]."""
-
-    sleeve_stiffness: np.ndarray
-    sleeve_rest: np.ndarray  # of each of its segments
-    angle: np.ndarray
-
-    @property
-    def size(self) -> int:
-        return super().size + len(self.angle) - 1
-
-    @property
-    def variables(self) -> np.ndarray:
-        nodes = np.full(self.count + 1, -1)
-        nodes[1 : len(self.angle)] = super().size + np.arange(len(self.angle) - 1)
-        return np.concatenate([super().variables, nodes[:-1, None], nodes[1:, None]], axis=1)
-
-    def bent(self, turns: np.ndarray) -> np.ndarray:
-        reach = len(self.angle) - 1
-        energy, u = super().bent(turns), self.curved(turns)[..., :reach, :]
-        start, end = turns[..., :reach, 6] + self.angle[:-1], turns[..., :reach, 7] + self.angle[1:]
-        angle, rate = 0.5 * (start + end), (end - start) / self.h
-        c, s = np.cos(angle), np.sin(angle)
-        own = np.stack([c * u[..., 0] + s * u[..., 1], c * u[..., 1] - s * u[..., 0], u[..., 2] + rate], axis=-1)
-        energy[..., :reach] += 0.5 * self.h * ((own - self.sleeve_rest) ** 2 * self.sleeve_stiffness).sum(axis=-1)
-        return energy
-
-    def move(self, step: np.ndarray) -> None:
-        super().move(step)
-        self.angle[1:] += step[super().size : self.size]
 
 
 def differences(function, shape, count=6):
@@ -140,10 +107,14 @@ def turned_twice(force: np.ndarray, arm: np.ndarray) -> np.ndarray:
 
 
 class LegEnergy:
-    """Legs on a platform at ``position``, ``turn`` (3, 3), under a dead ``force`` at its origin; or ``held`` there."""
+    """Legs on a platform at ``position``, ``turn`` (3, 3), under a dead ``force`` at its origin; or ``held`` there.
+
+    ``moment`` is one that keeps its direction, which has no potential.
+    """
 
     def __init__(self, legs: list[Leg], position: np.ndarray, turn: np.ndarray, force: np.ndarray, held: bool = False) -> None:
         self.legs, self.position, self.turn, self.force, self.held = legs, position, turn, force, held
+        self.moment = np.zeros(3)
         self.first = np.cumsum([0] + [leg.size for leg in legs])
         self.pull: np.ndarray | None = None  # of all constraints
 
@@ -151,7 +122,8 @@ class LegEnergy:
         """Gradient of the energy (n,), constraints (m,), their derivatives (m, n), and the Hessian for the forces ``pull``."""
         n = self.first[-1] + 6
         gradient, H, rows, gaps = np.zeros(n), np.zeros((n, n)), [], []
-        gradient[-6:-3] = -self.force
+        gradient[-6:-3], gradient[-3:] = -self.force, -self.moment
+        H[-3:, -3:] = -0.5 * cross_matrix(self.moment)  # gradients are by turns of what has been turned
         parts = []
         for leg, first in zip(self.legs, self.first, strict=False):
             N = leg.count
@@ -260,9 +232,14 @@ class LegEnergy:
             dt = min(1.5 * dt, 1e6)
         return False
 
-    def lowest(self) -> float:
-        """Lowest eigenvalue of the second variation among what the joints allow."""
+    def modes(self) -> np.ndarray:
+        """Eigenvalues of the second variation among what the joints allow, the lowest first."""
         _, _, C, H = self.system()
         _, s, v = np.linalg.svd(C)
         Z = v[int((s > 1e-9 * s[0]).sum()) :].T
-        return float(np.linalg.eigvalsh(Z.T @ H @ Z)[0])
+        form = Z.T @ H @ Z
+        return np.sort(np.linalg.eigvals(form).real) if self.moment.any() else np.linalg.eigvalsh(form)
+
+    def lowest(self) -> float:
+        """The first of them."""
+        return float(self.modes()[0])

@@ -42,13 +42,16 @@ class Drawn:
 
 
 @meant()
-def draw(number: int, seed: int = 0, most_legs: int = 8, most_load: float = 10.0) -> Drawn:
+def draw(number: int, seed: int = 0, most_legs: int = 8, most_load: float = 10.0, curved: float = 0.0) -> Drawn:
     """Two legs to ``most_legs``, some of them two tubes, in joints of all kinds, attachments spread and tilted, half of them
-    loaded, by ``most_load`` at most."""
+    loaded, by ``most_load`` at most.
+
+    Where ``curved`` is given, all have legs of two or three tubes, bent by so many radians at most and turned to all sides.
+    """
     rng = np.random.default_rng([seed, number])
     count = int(rng.integers(2, most_legs + 1))
     length, EI = log_uniform(rng, 0.05, 1), log_uniform(rng, 1e-3, 1)
-    with_tubes, with_joints = rng.random() < 0.25, rng.random() < 0.7
+    with_tubes, with_joints = rng.random() < (1.0 if curved else 0.25), rng.random() < 0.7
     joints = [str(rng.choice(JOINTS)) if with_joints else "clamped" for _ in range(count)]
     joints[0] = "clamped"  # nothing turns freely
     elastic = count > 3 or rng.random() < 0.5  # more straight legs that are inextensible are statically indeterminate
@@ -56,7 +59,7 @@ def draw(number: int, seed: int = 0, most_legs: int = 8, most_load: float = 10.0
     sections, rotation, translation = [], [], []
     for k in range(count):
         if with_tubes and k % 2:
-            rods, turned, pushed = _tubes(rng, length * rng.uniform(0.85, 1.15), EI, bend)
+            rods, turned, pushed = _tubes(rng, length * rng.uniform(0.85, 1.15), EI, bend, curved)
         else:
             rods, turned, pushed = _rod(rng, length * rng.uniform(0.85, 1.15), EI, bend, elastic)
         sections.append(rods)
@@ -98,10 +101,14 @@ def _rod(rng, length, EI, bend, elastic):
     return [[section]], [float(rng.uniform(-0.5, 0.5))], [pushed]
 
 
-def _tubes(rng, length, EI, bend):
-    """Two tubes, straight behind and precurved in front, the outer one the shorter."""
-    rods = []
-    for part, reach in ((0.5, 1.0), (1.0, rng.uniform(0.4, 0.8))):
+def _tubes(rng, length, EI, bend, curved=0.0):
+    """Two tubes, or three if ``curved``, straight behind and precurved in front, the outer ones the shorter."""
+    rods, parts = [], [(0.5, 1.0), (1.0, rng.uniform(0.4, 0.8))]
+    if curved:
+        bend = log_uniform(rng, 0.1 * curved, curved)
+        if rng.random() < 0.3:
+            parts.append((2.0, parts[1][1] * rng.uniform(0.5, 0.9)))
+    for part, reach in parts:
         stiffness = {"bending_stiffness": float(part * EI), "torsional_stiffness": float(0.77 * part * EI)}
         straight = reach * rng.uniform(0.3, 0.7)
         rods.append(
@@ -111,7 +118,8 @@ def _tubes(rng, length, EI, bend):
             ]
         )
     outer = -rng.uniform(0, 0.1) * length
-    return rods, list(rng.uniform(-1, 1, 2)), [float(outer - rng.uniform(0.02, 0.1) * length), float(outer)]
+    turned = rng.uniform(-1, 1, len(parts)) * (np.pi if curved else 1.0)
+    return rods, list(turned), [float(outer - rng.uniform(0.02, 0.1) * length), float(outer), *(0.0 for _ in parts[2:])]
 
 
 def _ring(rng, count, radius, tilt):

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from leg_energy import Leg, LegEnergy, SleevedLeg
+from leg_energy import Leg, LegEnergy
 from meant import meant
 from random_scenes import direction, log_uniform
 from relaxation import rotation
+from tube_leg_energy import TubeLeg, TubeOnNodes
 
 import multirod as mr
 
@@ -98,7 +99,12 @@ class Motion:
                 turned = np.array(solution.rod(number + 1, nodes=sleeve.reach + 1).rotation)
                 relative = np.swapaxes(frames[: sleeve.reach + 1], 1, 2) @ turned
                 angle = np.unwrap(np.arctan2(relative[:, 1, 0], relative[:, 0, 0]))
-                legs.append(SleevedLeg(*own, sleeve.stiffness / EI, sleeve.rest() * length, angle))
+                angles = (np.zeros(0), angle)
+                tubes = [
+                    TubeOnNodes(np.tile(tube.stiffness / EI, (tube.reach, 1)), tube.rest() * length, 0.0, 0.0, turns)
+                    for tube, turns in zip(self.sections[k], angles, strict=True)
+                ]
+                legs.append(TubeLeg(*own, np.linspace(0, 1, SEGMENTS + 1), tubes))
             else:
                 legs.append(Leg(*own))
             number += 1 + len(others)
@@ -123,11 +129,9 @@ class Motion:
             leg.base[:3, :3] = leg.base[:3, :3] @ rotation(np.array([0, 0, turned[number]]))
             leg.frames[0] = leg.base[:3, :3]
             leg.length = (self.lengths[k] + pushed[number]) / length
+            if isinstance(leg, TubeLeg):  # its base turns with the first tube
+                leg.others[0].turned = turned[number + 1] - turned[number]
             leg.__post_init__()
-            if isinstance(leg, SleevedLeg):
-                angle = turned[number + 1] - turned[number]
-                leg.angle += 2 * np.pi * np.round((angle - leg.angle[0]) / (2 * np.pi))
-                leg.angle[0] = angle
             number += len(self.sections[k])
         if self.end is not None:
             energy.position = (self.end[:3, 3] + values["end_position"]) / length

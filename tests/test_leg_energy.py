@@ -1,10 +1,14 @@
-"""The witnesses of branches agree with each other: robots on segments that creep, and the energy of tubes by strains."""
+"""The witnesses of branches agree with each other, robots on segments that creep and the energy of tubes by strains, and the
+package with them."""
 
 import numpy as np
 import pytest
 from discrete_energy import DiscreteEnergy, Tube
-from leg_energy import Leg, LegEnergy, SleevedLeg
+from leg_energy import Leg, LegEnergy
+from legs_on_segments import on_segments
+from random_legs import draw
 from relaxation import CreepingRods, rotation
+from tube_leg_energy import TubeLeg, TubeOnNodes
 
 import multirod as mr
 
@@ -49,43 +53,70 @@ def test_a_leg_creeps_to_where_a_rod_does():
     assert energy.lowest() > 0
 
 
-@pytest.mark.parametrize("turn", [0.0, 2.0])
-def test_a_sleeved_leg_is_a_pair_of_tubes(turn):
-    """That of ``DiscreteEnergy``, whose tangents are not averaged over segments: 12 of them differ by a hundredth of the tip."""
-    stiffness, reach, curved, sleeve = np.array([1, 1, 0.77]), 8, np.array([1.2, 0, 0]), np.array([2.0, 0, 0])
-    rest = np.where(np.arange(COUNT)[:, None] < 3, 0.0, curved)
-    leg = SleevedLeg(
+@pytest.mark.parametrize(
+    ("turn", "behind"), [(0.0, (0.0, 0.0)), (2.0, (0.0, 0.0)), (2.0, (0.25, 0.5)), (2.0, (0.0, 0.5)), (2.0, (0.25, 0.0))], ids=str
+)
+def test_a_leg_of_tubes_is_a_pair_of_tubes(turn, behind):
+    """That of ``DiscreteEnergy``, whose tangents are not averaged over segments: 16 of them differ by a hundredth of the tip."""
+    count, reach, EI, GJ = 16, 10, np.array([1.0, 1.5]), np.array([0.77, 1.1])
+    curved = np.array([[1.2, 0, 0], [2.0, 0, 0]])
+    rest = [np.where(np.arange(count)[:, None] < 4, 0.0, curved[0]), np.tile(curved[1], (reach, 1))]
+    turned = (0.3, 0.3 + turn)
+    tubes = [
+        TubeOnNodes(np.tile([EI[i], EI[i], GJ[i]], (len(rest[i]), 1)), rest[i], turned[i], behind[i] / GJ[i], np.full(n, turn))
+        for i, n in enumerate((count + 1, reach + 1))
+    ]
+    start = rotation(np.array([0, 0, turned[0]])) @ frames(rest[0] / count)
+    leg = TubeLeg(
         1.0,
-        stiffness,
+        np.zeros(3),
         None,
-        rest,
+        np.zeros(3),
         np.eye(4),
         np.eye(4),
         "clamped",
         np.zeros(3),
-        frames(rest / COUNT),
-        np.zeros(COUNT + 1),
-        1.5 * stiffness,
-        np.tile(sleeve, (reach, 1)),
-        np.full(reach + 1, turn),
+        start,
+        np.zeros(count + 1),
+        np.linspace(0, 1, count + 1),
+        tubes,
     )
     force = np.array([0.3, 0.5, -0.2])
     energy = clamped(leg, force)
     assert energy.creep()
     assert energy.lowest() > 0
     pair = [
-        Tube(1.0, 3 / COUNT, 1.0, 0.77, tuple(curved)),
-        Tube(reach / COUNT, 0.0, 1.5, 1.5 * 0.77, tuple(sleeve), angle=turn),
+        Tube(behind[0] + 1.0, behind[0] + 4 / count, EI[0], GJ[0], tuple(curved[0]), turned[0], behind[0]),
+        Tube(behind[1] + reach / count, 0.0, EI[1], GJ[1], tuple(curved[1]), turned[1], behind[1]),
     ]
-    other = DiscreteEnergy(pair, force, COUNT)
-    u = np.concatenate([leg.curved(np.zeros((COUNT, 6))).ravel(), np.diff(leg.angle) * COUNT])
+    other = DiscreteEnergy(pair, force, count)
+    angle = leg.others[0].angle
+    base = [leg.begun - turned[0], leg.begun + angle[0] - turned[1]]
+    u = np.concatenate([leg.curved(np.zeros((count, 6))).ravel(), np.diff(angle) * count, [base[k] for k in other.turning]])
     assert len(u) == other.size
     found, negative = other.stationary(u)
     assert negative == 0
+    turns = np.zeros(2)
+    turns[other.turning] = found[3 * count + reach :]
     np.testing.assert_allclose(
-        other.tip(found[None, : 3 * COUNT].reshape(1, COUNT, 3), np.zeros(1))[0], energy.position, atol=1e-2
+        other.tip(found[None, : 3 * count].reshape(1, count, 3), turned[:1] + turns[:1])[0], energy.position, atol=1e-2
     )
-    np.testing.assert_allclose(np.cumsum(found[3 * COUNT :]) / COUNT + turn, leg.angle[1:], atol=2e-2)
+    np.testing.assert_allclose(np.cumsum(found[3 * count : 3 * count + reach]) / count + angle[0], angle[1:], atol=2e-2)
+    np.testing.assert_allclose(turns, base, atol=2e-2)
+
+
+@pytest.mark.parametrize("number", [3, 8, 17, 30])
+def test_legs_of_tubes_have_the_modes_of_their_energy_on_segments(number):
+    """At every equilibrium that is found of robots whose tubes snap: up to nine unstable modes."""
+    drawn = draw(number, 3, 3, 5.0, 8.0)
+    found = mr.equilibria(drawn.robot, drawn.inputs, starts=64, solver=mr.Shooting(max_integrations=6000))
+    assert len(found.status) > 1
+    for own in (found[k] for k in range(len(found.status))):
+        energy = on_segments(drawn, own, 24)
+        place = energy.position
+        assert energy.settle() < 1e-6  # Newton's method: far below what segments err by
+        np.testing.assert_allclose(energy.position, place, rtol=0, atol=0.02)  # of segments: some (1/24)^2 of bent legs
+        assert (energy.modes() < 0).sum() == own.index
 
 
 def circle(degrees, radius):

@@ -219,8 +219,8 @@ class HeldProblem(BoundaryProblem):
             launch.launch()
 
     def to_rod(self) -> None:
-        """Unknowns and inputs to the rod, without an integration."""
-        with self.focused():
+        """Unknowns and inputs of all instances to the rod, without an integration."""
+        with self.everyone():
             self._launches[0].launch()
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102

@@ -356,8 +356,8 @@ class ParallelProblem(BoundaryProblem):
         return LegSensing(self, places)
 
     def to_legs(self) -> None:
-        """Unknowns and inputs to the legs, without an integration."""
-        with self.focused():
+        """Unknowns and inputs of all instances to the legs, without an integration."""
+        with self.everyone():
             for launch in self._launches[:-1:3]:
                 launch.launch()
 

@@ -13,48 +13,15 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from leg_energy import Leg, LegEnergy
+from legs_on_segments import on_segments
 from random_legs import draw
 
 import multirod as mr
 
 SAME = 0.02  # of the length
-
-
-def energy_of(drawn, solution, count):
-    """The robot on segments, at what was found."""
-    length = np.mean([leg[0][0]["length"] for leg in drawn.sections])
-    EI = np.mean([leg[0][0]["bending_stiffness"][0] for leg in drawn.sections])
-    legs = []
-    for k, (rod,) in enumerate(drawn.sections):
-        (section,) = rod
-        found, base, end = solution.rod(k, nodes=count + 1), drawn.base[k].copy(), drawn.platform[k].copy()
-        base[:3, :3] = base[:3, :3] @ Rotation.from_rotvec([0, 0, drawn.loads["rotation"][k]]).as_matrix()
-        base[:3, 3], end[:3, 3] = base[:3, 3] / length, end[:3, 3] / length
-        axial = section.get("axial_stiffness")
-        frames = np.array(found.rotation)
-        stretch = np.zeros(count + 1) if axial is None else found.force[:, 2] / axial
-        bend = np.array([*section["bending_stiffness"], section["torsional_stiffness"]]) / EI
-        legs.append(
-            Leg(
-                (section["length"] + drawn.loads["translation"][k]) / length,
-                bend,
-                None if axial is None else axial * length**2 / EI,
-                np.array(section["precurvature"]) * length,
-                base,
-                end,
-                drawn.joints[k],
-                drawn.axes[k],
-                frames,
-                stretch,
-            )
-        )
-    force = np.asarray(drawn.loads.get("tip_force", np.zeros(3))) * length**2 / EI
-    return LegEnergy(legs, np.array(solution.tip_position) / length, np.array(solution.tip_rotation), force)
 
 
 def main() -> None:
@@ -76,7 +43,7 @@ def main() -> None:
         ends[status.name] += 1
         note = ""
         if not status.failed:
-            witness = energy_of(drawn, solution, options.segments)
+            witness = on_segments(drawn, solution, options.segments)
             before = witness.position
             left = witness.settle()
             moved, lowest = float(np.abs(witness.position - before).max()), witness.lowest()
