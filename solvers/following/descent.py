@@ -217,7 +217,8 @@ class Slopes:
         """The first eigenvalue, as if the place that its mode turns the most were turned by 1, shape (k,)."""
         count, m = self.values.shape
         first = self.modes[:, m - 3 * self.clamps :, 0].reshape(count, -1, 3)
-        return np.asarray(self.values[:, 0] / ((first**2).sum(axis=2).max(axis=1) if self.clamps else 1.0))
+        with np.errstate(divide="ignore"):  # of points that are not fit, whose modes say nothing
+            return np.asarray(self.values[:, 0] / ((first**2).sum(axis=2).max(axis=1) if self.clamps else 1.0))
 
     @cached_property
     def neutral(self) -> IntArray:
