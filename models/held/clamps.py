@@ -47,12 +47,13 @@ class HeldConjugates(Conjugates):
         columns = np.zeros(self.columns.shape)
         tip = problem.read("rotation").reshape(-1, 3, 3)
         axes = np.eye(3) if holders.joint == SPHERICAL else holders.axis[None]
-        columns[:, : self.turns] = axes[: self.turns] @ tip.swapaxes(1, 2) @ problem.pose_columns.numpy()[:, 3:]
-        if problem.turns:
-            x = problem.read("unknowns")[:, m:]
-            J = left_jacobian(-problem.length[:, None] * x @ holders.base_axes)
-            own = problem.length[:, None, None] * holders.base_axes @ J @ holders.base_axes.T
-            columns[:, self.turns :, m : m + problem.turns] = -own
+        with np.errstate(invalid="ignore", over="ignore"):  # of points that are not fit
+            columns[:, : self.turns] = axes[: self.turns] @ tip.swapaxes(1, 2) @ problem.pose_columns.numpy()[:, 3:]
+            if problem.turns:
+                x = problem.read("unknowns")[:, m:]
+                J = left_jacobian(-problem.length[:, None] * x @ holders.base_axes)
+                own = problem.length[:, None, None] * holders.base_axes @ J @ holders.base_axes.T
+                columns[:, self.turns :, m : m + problem.turns] = -own
         self.columns.assign(columns)
 
     def guide(self) -> FloatArray:
