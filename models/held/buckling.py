@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.held.costless import AXIS
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.rotations import cross, matrices
 from multirod.validation import FloatArray
@@ -70,7 +71,7 @@ def hinge_of(problem: "HeldProblem") -> FloatArray | None:
 def to_side(problem: "HeldProblem", axis: FloatArray) -> FloatArray:
     """An axis (instance_count, 3) of the base or minus that: the rod that bends about it goes to the side asked for, by (5) of
     ``docs/branches.md``."""
-    moves = np.einsum("bij,bj->bi", problem.base_frame, cross(axis, np.broadcast_to([0.0, 0.0, 1.0], axis.shape)))
+    moves = np.einsum("bij,bj->bi", problem.base_frame, cross(axis, AXIS))
     first = np.argmax(np.abs(moves) >= FIRST * np.abs(moves).max(axis=1, keepdims=True), axis=1)
     return np.asarray(axis * problem.side * np.sign(moves[np.arange(len(moves)), first])[:, None])
 
@@ -88,8 +89,7 @@ def buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, siz
         own, about = np.zeros((len(unit), problem.unknown_count)), size[chosen] * axis[chosen]
         own[:, :3] = mode.base_moment * unit * about
         pushed = unit * (whole / length)[chosen]
-        along = np.array([0.0, 0.0, 1.0])
-        force = pushed * ((mode.base_moment - mode.tip_moment) * cross(about, along) - mode.thrust * along)
+        force = pushed * ((mode.base_moment - mode.tip_moment) * cross(about, AXIS) - mode.thrust * AXIS)
         turned = mode.base_turn * about @ holders.base_axes.T
         own[:, m - 3 : m] = np.einsum("bji,bj->bi", matrices(turned @ holders.base_axes), force)  # in the frame that turns
         own[:, m:] = turned / whole[chosen]

@@ -19,7 +19,7 @@ from multirod.models.backbone.stability.condensing.by_places import compliance_b
 from multirod.models.backbone.stability.condensing.by_segments import HeldUnits, compliance_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm
 from multirod.models.held.along import Beginning
-from multirod.models.held.costless import holding
+from multirod.models.held.costless import AXIS, holding
 from multirod.models.held.kernels.arguments import Ends, Held
 from multirod.models.held.kernels.holding_kernels import hold_ends
 from multirod.problem import BoundaryProblem
@@ -30,8 +30,6 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
-
-AXIS = np.array([0.0, 0.0, 1.0])  # of a rod
 
 
 class HeldSegments(BackboneSegments):

@@ -161,9 +161,9 @@ def _led(
     softer = np.where((stiffness[:, 0] < stiffness[:, 1])[:, None], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     pulled = np.einsum("bji,bj->bi", swung, drawn)
     size = np.linalg.norm(pulled, axis=1)[:, None]
-    about = np.where((even[:, None]) & (size > 0), cross(AXIS + 0 * pulled, pulled) / np.where(size > 0, size, 1.0), softer)
+    about = np.where((even[:, None]) & (size > 0), cross(AXIS, pulled) / np.where(size > 0, size, 1.0), softer)
     about = np.where(size > 0, about, to_side(problem, about))
-    bow = np.einsum("bij,bj->bi", swung, cross(about, AXIS + 0 * about))
+    bow = np.einsum("bij,bj->bi", swung, cross(about, AXIS))
     angle = np.where(size[:, 0] > 0, _angle(bow, drawn, axis), 0.0)
     bent = led & ~straight & (size[:, 0] > 0)
     if bent.any():
@@ -354,7 +354,7 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     bent = [np.where(buckles, buckled(problem, sign * about, soft, np.sqrt(short)), 0.0) for sign in (1.0, -1.0)]
     end = base + (1 - short) * length * problem.base_frame[:, :, 2]
     begins = (buckles & (short > BUCKLED))[:, 0]
-    way = np.einsum("bij,bj->bi", problem.base_frame, cross(about, np.broadcast_to([0.0, 0.0, 1.0], about.shape)))
+    way = np.einsum("bij,bj->bi", problem.base_frame, cross(about, AXIS))
     return Start(
         result + bent[0], direct[:, 0], begins, result + bent[1], begins & ~told[:, 0], end, way, thrust_of(problem, about)
     )

@@ -118,12 +118,17 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
         return case
 
     @wp.func
-    def take_up(rods: wp.ref[RodTable], call: wp.ref[Call], t: int, l: int, p: int, job: int):
-        """An instance for a lane that begins its job; the lane before may carry another part of it."""
+    def is_shared(call: wp.ref[Call], l: int, p: int, job: int) -> bool:
+        """Whether the lane before carries another part of the same job."""
         before = int(-1)
         if l > 0:
             before = int(call.lane[p - 1, JOB])
-        if before >= 0 and before // call.parts == job // call.parts:
+        return before >= 0 and before // call.parts == job // call.parts
+
+    @wp.func
+    def take_up(rods: wp.ref[RodTable], call: wp.ref[Call], t: int, l: int, p: int, job: int):
+        """An instance for a lane that begins its job."""
+        if is_shared(call, l, p, job):
             call.carried[p] = call.carried[p - 1]
         else:
             call.carried[p] = load_instance(rods, call, t)
@@ -137,5 +142,6 @@ def make_geometry(layout: Layout, d) -> SimpleNamespace:
         section_from=section_from,
         section_at=section_at,
         Sections=Sections,
+        is_shared=is_shared,
         take_up=take_up,
     )

@@ -113,8 +113,7 @@ def reach(
         for name in free:
             if name in given.profiles:
                 refuse("free", free, f"{name} is a function of the arclength: it cannot be chosen")
-    if prefer not in PREFERENCES:
-        choice("prefer", prefer, PREFERENCES)
+    choice("prefer", prefer, PREFERENCES)
     positive_int("starts", starts, 0)
     try:
         shape = broadcast_shapes(given.batch_shape, robot.batch_shape, target.batch_shape)
@@ -197,10 +196,12 @@ def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thread
 def _found(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> "list[_Part]":
     """What comes of each part of the batch, in their order."""
     count = prod(work.batch_shape)
-    pieces = parts(count, threads, work.robot.rod_count) if count > 1 else [slice(0, count)]
+    if not count:
+        return [_none(work)]
+    pieces = parts(count, threads, work.robot.rod_count)
     found: dict[int, _Part] = {}
 
-    def one(piece: slice, stop: Event | None) -> None:
+    def one(piece: slice, stop: Event) -> None:
         numbers = None if len(pieces) == 1 else np.arange(piece.start, piece.stop)
         settings: dict[str, Any] = {"integrator": work.method.integrator, "device": work.device, "instances": numbers}
         with work.lock:
@@ -214,12 +215,7 @@ def _found(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thre
             places, weight = search.task.places, search.goals.rows.weight
             found[piece.start] = _Part(records, ended, ends, problem.record_fields, places, weight)
 
-    if not count:
-        return [_none(work)]
-    if len(pieces) == 1:
-        one(pieces[0], None)
-    else:
-        run(one, pieces, threads)
+    run(one, pieces, threads)
     return [found[piece.start] for piece in pieces]
 
 

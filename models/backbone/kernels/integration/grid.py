@@ -19,7 +19,6 @@ from multirod.models.backbone.kernels.layout.arguments import (
     END,
     END_MOVER,
     FORCE,
-    JOB,
     OUTPUT,
     START,
     START_MOVER,
@@ -64,7 +63,7 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
 
     geometry = make_geometry(layout, d)
     load_vector, direction_vector, moved = geometry.load_vector, geometry.direction_vector, geometry.moved
-    section_end, rod_end = geometry.section_end, geometry.rod_end
+    section_end, rod_end, is_shared = geometry.section_end, geometry.rod_end, geometry.is_shared
     section_from, section_at, Sections = geometry.section_from, geometry.section_at, geometry.Sections
 
     # ---- nodes ----
@@ -288,9 +287,8 @@ def make_grid(layout: Layout, memory: Memory, W: int, d) -> SimpleNamespace:
         start = call.lane[p, START]
         z = o + wp.static(Z)
         known = bool(False)
-        if l > 0:  # where the lane before carries another part of the same job, it may stand on this stretch
-            before = int(call.lane[p - 1, JOB])
-            known = before >= 0 and before // call.parts == job // call.parts and call.lane[p - 1, START] == start
+        if is_shared(call, l, p, job):  # the lane before may stand on this stretch
+            known = call.lane[p - 1, START] == start
         if known:
             copy_lane(memory, z, wp.static(layout.stretch.size), l, l - 1)
             call.lane[p, STRETCH_END] = call.lane[p - 1, STRETCH_END]
