@@ -16,8 +16,8 @@ from multirod.naming import unknown_names
 from multirod.problem import BoundaryProblem
 from multirod.read_only import ReadOnly
 from multirod.rod import Rod
-from multirod.rotations import is_rotation, not_turned
-from multirod.validation import Described, FloatArray, array, refuse
+from multirod.rotations import refuse_unturned
+from multirod.validation import Described, FloatArray, array, first_of, refuse
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar
@@ -335,11 +335,9 @@ def pose(field: str, value: object) -> FloatArray:
     result = array(field, value, (4, 4))
     if not result.size:
         refuse(field, Described(f"array of shape {result.shape}"), "there must be a pose")
-    R = result[..., :3, :3]
-    if not is_rotation(R):
-        refuse(field, value, f"the upper left 3 x 3 block must be a rotation: {not_turned(R)}")
-    if np.abs(result[..., 3, :] - [0, 0, 0, 1]).max() > 0:
+    refuse_unturned(field, value, result, allowed="the upper left 3 x 3 block must be a rotation")
+    if (wrong := (result[..., 3, :] != [0, 0, 0, 1]).any(axis=-1)).any():
         hint = ": it is transposed" if np.abs(result[..., :3, 3]).max() == 0 else ""
-        refuse(field, value, f"the last row must be 0, 0, 0, 1{hint}")
+        refuse(field, first_of(wrong, result, value), f"the last row must be 0, 0, 0, 1{hint}")
     plausibility.of_pose(field, result)
     return result

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multirod.validation import FloatArray
+from multirod.validation import FloatArray, first_of, refuse
 
 _SMALL = 1e-3  # angle below which quotients are series, right to rounding
 # of the angle between a direction and another, told by their product
@@ -21,12 +21,21 @@ def is_rotation(R: FloatArray, most: float = ORTHOGONAL) -> bool:
     return not (off or (np.linalg.det(R) < 0).any())
 
 
-def not_turned(R: FloatArray, most: float = ORTHOGONAL) -> str:
-    """What is wrong with matrices that are no rotations, as ``is_rotation`` has it."""
-    off = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max())
+def refuse_unturned(
+    field: str, value: object, found: FloatArray, most: float = ORTHOGONAL, allowed: str = "must be a rotation"
+) -> None:
+    """Refuse rotations (..., 3, 3), or poses (..., 4, 4), read from ``value``, that are none; those with NaN are missing."""
+    R = found[..., :3, :3]
+    whole = np.where(np.isnan(R).any(axis=(-2, -1), keepdims=True), np.eye(3), R)
+    if not whole.size or is_rotation(whole, most):
+        return
+    wrong = np.reshape([not is_rotation(own, most) for own in whole.reshape(-1, 3, 3)], R.shape[:-2])
+    first = R[wrong][0]
+    off = float(np.abs(first @ first.T - np.eye(3)).max())
+    fault = f"R R^T is off the identity by {off:.2g}" + (": it is rounded, give all digits" if off < DIGITS_CUT else "")
     if off <= most:
-        return "its determinant is -1, a mirror image: a left-handed frame, or axes in another order"
-    return f"R R^T is off the identity by {off:.2g}" + (": it is rounded, give all digits" if off < DIGITS_CUT else "")
+        fault = "its determinant is -1, a mirror image: a left-handed frame, or axes in another order"
+    refuse(field, first_of(wrong, found, value), f"{allowed}: {fault}")
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -19,7 +19,8 @@ DOUBLE = np.dtype(np.float64)
 LARGEST_INT = 2**31 - 1  # counts are kept in 32 bits
 LARGEST = 1e50  # in SI units: products of several such numbers are still floats, and no robot is larger
 SMALLEST = 1 / LARGEST
-LONGEST = 500  # characters of a value that an error shows
+LONGEST = 200  # characters of a value that an error shows
+FEW = 20  # numbers of an array from which an error shows its shape, and one of them
 SMALLEST_AXIS = 1e-100  # whose square still is a number
 ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 
@@ -59,12 +60,23 @@ def refuse(field: str, value: object, allowed: str) -> NoReturn:
 
 
 def shown(value: object) -> str:
-    """``repr`` of a value, cut short where it is long; of one that has none, its type."""
+    """``repr`` of a value, cut short where it is long; of a large array its shape, of what has no ``repr`` its type."""
+    if isinstance(value, np.ndarray) and value.size >= FEW:
+        return f"array of shape {value.shape}"
     try:
         text = repr(value)
     except Exception:  # noqa: BLE001  (whatever someone's object raises, or an integer of more digits than Python prints)
         return f"<{type(value).__name__}>"
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}... ({len(text)} characters)"
+
+
+def first_of(wrong: NDArray[np.bool_], values: NDArray[Any], value: object) -> object:
+    """What an error shows of ``values``, read from ``value``: all of few; of more the first that is ``wrong`` and its place, by
+    the first axes, those of ``wrong``."""
+    if values.size < FEW:
+        return value
+    at = np.argwhere(wrong)[0].tolist()
+    return Described(f"{values[tuple(at)].tolist()} at {at} of shape {values.shape}")
 
 
 def number(field: str, value: object) -> float:
@@ -229,18 +241,12 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
         with np.errstate(over="ignore"):  # from longer floats
             result = given.astype(np.float64)
     if tail and result.shape[-len(tail) :] != tail:
-        named = value if result.size < 20 else Described(f"array of shape {result.shape}")
+        named = value if result.size < FEW else Described(f"array of shape {result.shape}")
         refuse(field, named, f"must have {wanted}{_shape_meant(field, result.shape, tail)}")
-    # one comparison tells both, of most
-    sound = not finite or bool((np.abs(result) <= LARGEST).all())
-    if not sound and not np.isfinite(result).all():
-        refuse(field, value if result.size < 20 else Described(f"array of shape {result.shape}"), "must be finite")
-    if not sound:
-        refuse(
-            field,
-            Described(f"array with entries of {np.abs(result).max():g}"),
-            f"must be finite, and at most {LARGEST:g} in SI units",
-        )
+    if finite and not (within := np.abs(result) <= LARGEST).all():  # one comparison tells both, of most
+        if not (known := np.isfinite(result)).all():
+            refuse(field, first_of(~known, result, value), "must be finite")
+        refuse(field, first_of(~within, result, value), f"must be finite, and at most {LARGEST:g} in SI units")
     result.flags.writeable = False
     return result
 
@@ -253,9 +259,9 @@ def directions(field: str, value: object, axes: FloatArray) -> FloatArray:
     """
     with np.errstate(over="ignore"):
         size = np.linalg.norm(axes, axis=-1)
-    if not ((size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
+    if not (fit := (size > SMALLEST_AXIS) & (size < 1 / SMALLEST_AXIS)).all():
         length = "a length" if axes.ndim == 1 else "lengths"
-        refuse(field, value, f"must have {length} from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
+        refuse(field, first_of(~fit, axes, value), f"must have {length} from {SMALLEST_AXIS:g} to {1 / SMALLEST_AXIS:g}")
     return np.asarray(frozen(axes / np.where(np.abs(size - 1) <= ROUNDED, 1.0, size)[..., None]))
 
 
@@ -294,12 +300,12 @@ def positive_array(
     result = array(field, value, tail, finite=False)
     if not result.size:
         refuse(field, Described(f"array of shape {result.shape}"), "must have a value")
-    if np.isnan(result).any() or (result <= 0).any() or (not infinite and np.isinf(result).any()):
+    if (wrong := ~(result > 0) | ((not infinite) & np.isinf(result))).any():
         allowed = "must be > 0 (inf is rigid)" if infinite else "must be finite and > 0"
-        refuse(field, value if result.size < 20 else Described(f"array with minimum {result.min()}"), allowed)
-    if (result < smallest).any() or (result[np.isfinite(result)] > LARGEST).any():
-        given = value if result.size < 20 else Described(f"array from {result.min()} to {result.max()}")
-        refuse(field, given, f"must be from {smallest:g} to {LARGEST:g} in SI units" + (", or inf" if infinite else ""))
+        refuse(field, first_of(wrong, result, value), allowed)
+    if (wrong := (result < smallest) | ((result > LARGEST) & np.isfinite(result))).any():
+        allowed = f"must be from {smallest:g} to {LARGEST:g} in SI units" + (", or inf" if infinite else "")
+        refuse(field, first_of(wrong, result, value), allowed)
     return result
 
 

@@ -562,3 +562,48 @@ def test_questions_to_a_solution(robot: mr.SingleRod) -> None:
             solution.jacobian("tip_force", name)
     with pytest.raises(TypeError, match="needs an input or several: it takes rotation"):
         solution.jacobian()
+
+
+def _with(shape: tuple[int, ...], at: tuple[int, ...], value: Any) -> np.ndarray:
+    """Zeros, or identities where the last axes are those of matrices, but for ``value`` in one place."""
+    values = np.zeros(shape) if shape[-1] != shape[-2] else np.tile(np.eye(shape[-1]), (*shape[:-2], 1, 1))
+    values[at] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (
+            lambda robot: robot.inputs(tip_force=_with((9, 5, 3), (7, 1, 2), NAN)),
+            "tip_force = nan at [7, 1, 2] of shape (9, 5, 3) ",
+        ),
+        (lambda robot: robot.inputs(tip_force=_with((9, 5, 3), (7, 1, 2), 1e60)), "tip_force = 1e+60 at [7, 1, 2] of"),
+        (lambda robot: mr.Rod(**{**PROPERTIES, "length": np.arange(40.0)[::-1]}), "Rod.length = 0.0 at [39] of shape (40,) "),
+        (lambda robot: mr.Rod(**{**PROPERTIES, "length": np.geomspace(1.0, 1e60, 61)}), "Rod.length = 1e+51 at [51] of"),
+        (
+            lambda robot: mr.SingleRod(robot.rods[0], base=_with((9, 4, 4), (6, 3, 1), 1.0)),
+            "0.0, 1.0]] at [6] of shape (9, 4, 4) ",
+        ),
+        (
+            lambda robot: mr.Pose(rotation=_with((9, 3, 3), (6, 0, 1), 0.5)),
+            "[[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], ",
+        ),
+        (
+            lambda robot: mr.Pose(axis=_with((20, 3), (slice(1, 19), 0), 1.0)),
+            "Pose.axis = [0.0, 0.0, 0.0] at [0] of shape (20, 3) ",
+        ),
+        (
+            lambda robot: mr.Pose(axis=_with((20, 3), (slice(19), 0), 1.0)),
+            "Pose.axis = [0.0, 0.0, 0.0] at [19] of shape (20, 3) ",
+        ),
+        (lambda robot: mr.Prior(sigma=_with((30, 1), (slice(29),), 1.0)), "Prior.sigma = 0.0 at [29, 0] of shape (30, 1) "),
+        (lambda robot: mr.solve(robot, guess=_with((10, 3), (4, 1), INF)), "guess = inf at [4, 1] of shape (10, 3) "),
+    ],
+)
+def test_what_is_wrong_in_a_batch_is_named_with_its_place(
+    robot: mr.SingleRod, make: Callable[[mr.SingleRod], Any], says: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(says)) as refused:
+        make(robot)
+    assert len(str(refused.value)) < 300

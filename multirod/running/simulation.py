@@ -28,7 +28,7 @@ from multirod.solver import Left, Outcome, Solver, Tested
 from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, device_name, integers, refuse
+from multirod.validation import FEW, Described, FloatArray, array, device_name, first_of, integers, refuse
 
 _DEFAULT = Shooting()
 _BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
@@ -336,8 +336,8 @@ def unknowns_of_guess(guess: object, problem: BoundaryProblem, count: int, piece
     if guess is None:
         return None
     values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess, finite=False)
-    if not (isinstance(guess, Solution) or np.isfinite(values).all()):
-        refuse("guess", Described(f"array of shape {values.shape}"), "must be finite")
+    if not (isinstance(guess, Solution) or (known := np.isfinite(values)).all()):
+        refuse("guess", first_of(~known, values, guess), "must be finite")
     if not values.size and count:
         refuse("guess", Described(f"array of shape {values.shape}"), f"must have shape (..., {problem.unknown_count})")
     flat = values.reshape(-1, values.shape[-1] if values.ndim else 1)
@@ -357,7 +357,7 @@ def even_times(time: object) -> tuple[FloatArray, float]:
         refuse("time", Described(f"array of shape {time.shape}"), "must have shape (sample_count,)")
     steps = np.diff(time)
     if len(steps) and not (steps.min() > 0 and np.allclose(steps, steps.mean(), rtol=1e-6, atol=0)):
-        refuse("time", time if time.size < 20 else Described(f"{time.size} samples"), "must be evenly spaced and increasing")
+        refuse("time", time if time.size < FEW else Described(f"{time.size} samples"), "must be evenly spaced and increasing")
     return time, float(steps.mean()) if len(steps) else 1.0
 
 

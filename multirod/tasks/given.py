@@ -5,9 +5,8 @@ from typing import Any, TypeGuard, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.rotations import ORTHOGONAL, is_rotation, not_turned
+from multirod.rotations import ORTHOGONAL
 from multirod.running.plain import LARGEST, plain_numbers
-from multirod.validation import FloatArray, refuse
 
 TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
 Plain = NDArray[np.float64] | tuple[float, float, float] | list[float]
@@ -31,10 +30,3 @@ def turned(rotation: Any, off: float = 0.5 * ORTHOGONAL) -> TypeGuard[NDArray[np
             if not abs(x * u + y * v + z * w - (m == 0)) < off:
                 return False
     return bool(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0)
-
-
-def refuse_turn(field: str, value: object, found: FloatArray) -> None:
-    """Refuse what was measured of rotations, (..., 3, 3), and is none; NaN is what is missing."""
-    whole = np.where(np.isnan(found).any(axis=(-2, -1), keepdims=True), np.eye(3), found)
-    if whole.size and not is_rotation(whole, TURNED):
-        refuse(field, value, f"must be a rotation: {not_turned(whole, TURNED)}")

@@ -10,10 +10,10 @@ from multirod import plausibility
 from multirod.batch import Instances, IntArray, broadcast_shapes, take
 from multirod.naming import hinted
 from multirod.plausibility.limits import LENGTH
-from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, is_rotation, not_turned, vectors
+from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, refuse_unturned, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
-from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, positive_float, refuse
+from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, first_of, positive_float, refuse
 
 NEARBY = LENGTH.high  # within which a place is nothing to warn of [m]
 PARTS = ("position", "rotation", "axis", "across")  # of a pose
@@ -299,18 +299,15 @@ def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray
 def _vector(field: str, value: object) -> FloatArray:
     """Numbers (..., 3), which may be NaN: of a sensor that dropped out."""
     result = array(field, value, (3,), finite=False)
-    if np.count_nonzero(np.isinf(result)):
-        refuse(field, value, "must be finite, or NaN where there is no measurement")
+    if np.count_nonzero(wrong := np.isinf(result)):
+        refuse(field, first_of(wrong, result, value), "must be finite, or NaN where there is no measurement")
     return result
 
 
 def _rotation(value: object) -> FloatArray:
     """Rotations (..., 3, 3), which may be NaN."""
     result = array("Pose.rotation", value, (3, 3), finite=False)
-    missing = np.isnan(result).any(axis=(-2, -1), keepdims=True)
-    whole = np.where(missing, np.eye(3), result)
-    if whole.size and not is_rotation(whole):
-        refuse("Pose.rotation", value, f"must be a rotation: {not_turned(whole)}")
+    refuse_unturned("Pose.rotation", value, result)
     return result
 
 
@@ -319,7 +316,7 @@ def _direction(field: str, value: object) -> FloatArray:
     result = _vector(field, value)
     size = np.linalg.norm(result, axis=-1, keepdims=True)
     if (size <= SMALLEST_AXIS).any():
-        refuse(field, value, "must not be zero")
+        refuse(field, first_of(size[..., 0] <= SMALLEST_AXIS, result, value), "must not be zero")
     return np.asarray(result / size)
 
 

@@ -16,6 +16,7 @@ from multirod.launch import expect
 from multirod.naming import unknown_names
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
+from multirod.rotations import refuse_unturned
 from multirod.running.plain import PlainInputs
 from multirod.running.simulation import as_robot, solve
 from multirod.running.tracker import Unpack
@@ -27,7 +28,7 @@ from multirod.tasks.controlling.control import ControlStep
 from multirod.tasks.controlling.control_kernels import make_control
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, freed, input_units, with_values
-from multirod.tasks.given import TURNED, plain, refuse_turn, turned
+from multirod.tasks.given import TURNED, plain, turned
 from multirod.tasks.limits import ROUNDING_BEYOND, Limits, limit_rows, nearest, refuse_start
 from multirod.tasks.rows import PARTS, Kind, Pose
 from multirod.tasks.watch import Watch
@@ -264,7 +265,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             if numbers.shape != tail:
                 refuse(f"Controller.step(measured_{name[5:]})", value, "must be of one robot, without leading axes")
             if tail == (3, 3) and not turned(value, TURNED):
-                refuse_turn("Controller.step(measured_rotation)", value, numbers)
+                refuse_unturned("Controller.step(measured_rotation)", value, numbers, TURNED)
             there = sure or np.isfinite(numbers).all()
             if there:
                 given[name][:] = numbers

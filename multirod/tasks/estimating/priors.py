@@ -4,7 +4,7 @@ import numpy as np
 
 from multirod.batch import IntArray, take
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, refuse, shown
+from multirod.validation import Described, FloatArray, array, first_of, refuse, shown
 
 SYMMETRIC = 1e-9  # what a covariance may be off its transpose, of its largest entry
 
@@ -104,9 +104,9 @@ class Walk:
 def deviations(field: str, value: object, *, infinite: bool = False) -> FloatArray:
     """Standard deviations, > 0, of any shape."""
     result = array(field, value, finite=False)
-    if not result.size or not (result > 0).all() or (not infinite and np.isinf(result).any()):
-        given = value if result.size < 20 else Described(f"array with minimum {result.min()}")
-        refuse(field, given, "must be > 0" + (" (inf: nothing is known)" if infinite else " and finite"))
+    wrong = ~(result > 0) | ((not infinite) & np.isinf(result))
+    if not result.size or wrong.any():
+        refuse(field, first_of(wrong, result, value), "must be > 0" + (" (inf: nothing is known)" if infinite else " and finite"))
     return result
 
 

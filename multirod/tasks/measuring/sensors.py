@@ -13,8 +13,9 @@ from multirod import plausibility
 from multirod.batch import Instances, IntArray
 from multirod.kernels.shared import Shared
 from multirod.problem import BoundaryProblem
+from multirod.rotations import refuse_unturned
 from multirod.tasks.formulation import Evaluation
-from multirod.tasks.given import TURNED, plain, refuse_turn, turned
+from multirod.tasks.given import TURNED, plain, turned
 from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.curvature import Curvature, CurvatureRows, curvature_rows, filled
 from multirod.tasks.rows import PARTS, Pose, PoseRows, of_what_is_there
@@ -276,7 +277,7 @@ class Live(Measured):
                 refuse(f"measured[{k}], axis", parts[-1], "must not be zero")
             told["axis"] = axis / size
         if rotation is not None:
-            refuse_turn(f"measured[{k}], rotation", parts[-1], rotation)
+            refuse_unturned(f"measured[{k}], rotation", parts[-1], rotation, TURNED)
         own = replace(self._posed(k), whitening=self._whitening[k])
         rows, known = _filled(replace(own, position=told["position"], rotation=told["rotation"], axis=told["axis"]))
         for name in names:
