@@ -1,7 +1,9 @@
 """Command line: ``multirod demo``, ``multirod tradeoff``, ``multirod prepare``; a module a command."""
 
 import argparse
+import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 
 from rich.console import Console
 
@@ -20,6 +22,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for command in (demo, tradeoff, prepare):
         command.add_parser(commands)
     options = parser.parse_args(arguments)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a file, or an old terminal, may have no sign for micro
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = FULL_WIDTH

@@ -18,14 +18,14 @@ from multirod.studies.terms.leaving_out import DROPPABLE, LINES, SECTIONS, left_
 from multirod.validation import boolean, positive_int, refuse
 
 SYMBOLS = {"tip_force": "F", "follower_force": "F", "tip_moment": "M", "follower_moment": "M"}
-SYMBOLS |= {"distributed_force": "f", "distributed_moment": "l", "gravity": "w", "magnetic_field": "μ B"}
-POWERS = {1: "L", 2: "L²", 3: "L³"}
+SYMBOLS |= {"distributed_force": "f", "distributed_moment": "l", "gravity": "w", "magnetic_field": "mu B"}
+POWERS = {1: "L", 2: "L^2", 3: "L^3"}
 GROUPS = {
     **{spec.name: f"{SYMBOLS[spec.name]} {POWERS[spec.power]}/EI" for spec in SPECS},
     "shear": "N/GA",
     "torsion": "EI/GJ",
-    "anisotropy": "ΔEI/EI",
-    "precurvature_profile": "Δu* L",
+    "anisotropy": "dEI/EI",
+    "precurvature_profile": "du* L",
 }
 RODS = {
     "shear": "shear_stiffness or axial_stiffness is finite",
@@ -263,8 +263,8 @@ class Explanation:
         head += f", {prod(shape)} instances" if shape else ""
         columns = ["term", "asked for by", "tip moves without it", "because", "that saves"]
         if self.cost is not None:
-            head += f"; one integration {1e6 * self.cost.present:.2f} µs"
-            columns.append("µs without it")
+            head += f"; one integration {1e6 * self.cost.present:.2f} us"
+            columns.append("us without it")
         rows = []
         for term in self.terms:
             moves = "" if not term.droppable else "?" if not isfinite(term.error) else f"< {term.error:.1e} L"

@@ -246,7 +246,7 @@ class Tradeoff:
         lines = [
             (
                 f"{'setting':{width + 2}}{'tip [m]':>10}{'shape [m]':>11}"
-                f"{'median [µs]':>13}{'95 % [µs]':>11}{'integr.':>9}{'failed':>8}"
+                f"{'median [us]':>13}{'95 % [us]':>11}{'integr.':>9}{'failed':>8}"
             )
         ]
         for row in sorted(self.rows, key=lambda row: row.median):
