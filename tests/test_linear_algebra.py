@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 import warp as wp
 
+from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.kernels.own_module import own_module
+from multirod.kernels.small_systems_kernels import SMALL, small_quotient, small_radius, small_step
 from multirod.solvers.newton.bordered_kernels import Arrow, front_width, make_bordered
 from multirod.solvers.tracking.symmetric_kernels import FEW, ROOM, diagonalise, least_eigenvalue
 
@@ -151,3 +153,53 @@ def test_what_is_not_finite_has_no_least_eigenvalue():
     matrices[0, 3, 4] = matrices[0, 4, 3] = np.nan
     matrices[1, 11, 11] = np.inf
     assert np.isnan(spectrum(matrices)[0]).all()
+
+
+@own_module()
+def of_small_systems(
+    A: wp.array3d[wp.float64],
+    B: wp.array3d[wp.float64],
+    e: wp.array2d[wp.float64],
+    step: wp.array3d[wp.float64],
+    quotient: wp.array3d[wp.float64],
+    bounds: wp.array2d[wp.float64],
+    room: wp.array3d[wp.float64],
+    sides: wp.array3d[wp.float64],
+):
+    t = wp.tid()
+    bounds[t, 0] = small_step(A, e, step, t)
+    small_quotient(A, B, quotient, t)
+    bounds[t, 1] = small_radius(quotient, t, wp.float64(2.0), wp.float64(0.0), wp.float64(1.0))
+    bounds[t, 2] = small_radius(quotient, t, wp.float64(2.0), wp.float64(0.0), wp.float64(64.0))
+    for i in range(A.shape[1]):
+        for j in range(A.shape[1]):
+            room[t, i, j] = B[t, j, i]
+            sides[t, i, j] = A[t, j, i]
+    eliminate(room, sides, t)
+
+
+@pytest.mark.parametrize("n", [1, 3, 5, SMALL])
+def test_small_systems_are_those_of_any_size(n):
+    """By LAPACK, and to the last bit by the elimination of systems of any size; a singular one has no solution."""
+    rng = np.random.default_rng(n)
+    A, B, e = rng.standard_normal((20, n, n)), rng.standard_normal((20, n, n)), rng.standard_normal((20, n))
+    A[-1], B[-1] = 0.0, 0.0
+    given = [wp.array(own, dtype=wp.float64, device="cpu") for own in (A, B, e)]
+    shapes = [(20, n, 1), (20, n, n), (20, 3), (20, n, n), (20, n, n)]
+    step, quotient, bounds, room, sides = (wp.zeros(shape, dtype=wp.float64, device="cpu") for shape in shapes)
+    wp.launch(of_small_systems, dim=20, inputs=[*given, step, quotient, bounds, room, sides], device="cpu")
+    np.testing.assert_array_equal(quotient.numpy(), sides.numpy())
+    assert not np.isfinite(bounds.numpy()[-1, :2]).any()
+    found, length, frobenius, radius = step.numpy()[:-1, :, 0], *bounds.numpy()[:-1].T
+    close = 1e-13 * np.linalg.cond(A[:-1])[:, None]  # rounding, by the condition
+    expected = np.linalg.solve(A[:-1], -e[:-1, :, None])[..., 0]
+    assert (np.abs(found - expected) <= close * np.linalg.norm(expected, axis=1)[:, None]).all()
+    np.testing.assert_allclose(length, np.linalg.norm(found, axis=1), rtol=1e-14)
+    E = np.transpose(quotient.numpy()[:-1], (0, 2, 1)) - 2 * np.eye(n)
+    ratio = A[:-1] @ np.linalg.inv(B[:-1]) - 2 * np.eye(n)
+    size = np.linalg.norm(ratio, axis=(1, 2))
+    assert (np.abs(E - ratio).max(axis=(1, 2)) <= 1e-13 * np.linalg.cond(B[:-1]) * size).all()
+    np.testing.assert_allclose(frobenius, np.linalg.norm(E, axis=(1, 2)), rtol=1e-13)
+    largest = np.abs(np.linalg.eigvals(E)).max(axis=1)
+    # the 64th power's norm is more than the radius's power by less than n times the condition of the eigenvectors, below 1e6 here
+    assert ((largest <= radius * (1 + 1e-9)) & (radius <= 1.3 * largest)).all()

@@ -10,6 +10,7 @@ from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.linear_algebra_kernels import copy_row, eliminate, squared
 from multirod.kernels.own_module import own_module
 from multirod.kernels.repeated_kernels import Calls, launch_all
+from multirod.kernels.small_systems_kernels import SMALL, small_quotient, small_radius, small_step
 from multirod.solvers.newton.bordered_kernels import Arrow, make_bordered
 from multirod.status import Fault, Status
 
@@ -79,6 +80,8 @@ def make_dense() -> SimpleNamespace:
     def aim(state: wp.ref[NewtonState], t: int) -> f64:
         """Length of the Newton step, left in ``state.direction``; not finite if Gamma is singular."""
         n = state.residual.shape[1]
+        if n <= wp.static(SMALL):
+            return small_step(state.gamma, state.residual, state.direction, t)
         for i in range(n):
             state.direction[t, i, 0] = -state.residual[t, i]
             for j in range(n):
@@ -93,6 +96,9 @@ def make_dense() -> SimpleNamespace:
     def divide(state: wp.ref[NewtonState], t: int, reference: wp.array3d[wp.float64]):
         """Leave Gamma reference^-1 in ``state.quotient``, transposed."""
         n = state.residual.shape[1]
+        if n <= wp.static(SMALL):
+            small_quotient(state.gamma, reference, state.quotient, t)
+            return
         for i in range(n):
             for j in range(n):
                 state.factor[t, i, j] = reference[t, j, i]
@@ -109,6 +115,9 @@ def make_dense() -> SimpleNamespace:
         The matrix is what ``divide`` left; it stays where no powers are taken, as if ``most`` is 1.
         """
         n = state.residual.shape[1]
+        if n <= wp.static(SMALL):
+            small = small_radius(state.quotient, t, centre, enough, most)
+            return wp.where(wp.isfinite(small), small, f64(wp.static(UNLIKE)))
         total = f64(0.0)
         for i in range(n):
             for j in range(n):
