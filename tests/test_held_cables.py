@@ -238,6 +238,61 @@ def test_a_cable_follows_its_weight_around():
 
 
 @pytest.mark.parametrize("kind", SOME)
+def test_a_motion_goes_on_where_a_load_begins_or_ends(kind):
+    """Where nothing acts it is anywhere around, and no branch leads on from there: all samples but the first were lost."""
+    robot = spanning(mr.Rod(**KIND, **SOME[kind]))
+    t = np.linspace(-1, 1, 13)[:, None]
+    for level in (np.maximum(t, 0), t, np.cos(np.pi * t / 2)):  # from none, through none (to rounding), to none and from none
+        force = level * np.array([0.3, 0.5, -1.0])
+        motion = mr.simulate(robot, robot.inputs(distributed_force=force), time=t[:, 0]).raise_if_failed()
+        apart = mr.solve(robot, robot.inputs(distributed_force=force)).raise_if_failed()
+        assert (motion.stability == mr.Stability.STABLE).all()
+        acting = np.abs(level[:, 0]) > 1e-6
+        places = (own.rod(0, nodes=5).position[acting] for own in (motion, apart))
+        np.testing.assert_allclose(*places, rtol=0, atol=1e-6 * LENGTH)
+
+
+@pytest.mark.parametrize("kind", ("round", "bent"))
+def test_what_does_not_tell_a_place_to_the_tolerance_is_no_load(kind):
+    """Of 1e-9 EI/L^3 and less, whole solves were lost; kernel and host agree on which that is."""
+    robot = spanning(mr.Rod(**KIND, **SOME[kind]))
+    none = mr.solve(robot, robot.inputs()).raise_if_failed()
+    unit = np.array([0.3, 0.5, -0.2]) / np.linalg.norm([0.3, 0.5, -0.2]) * EI / LENGTH**3
+    for size in (0.9e-9, 1e-13):
+        found = mr.solve(robot, robot.inputs(distributed_force=size * unit)).raise_if_failed()
+        assert found.status is mr.Status.CONVERGED
+        assert found.stability is mr.Stability.STABLE
+        np.testing.assert_allclose(found.tip_position, none.tip_position, rtol=0, atol=1e-9)
+    for size, kinds in ((0.9e-9, {IN_BALLS, ROUND_IN_BALLS}), (1.1e-9, {0, SPINS})):
+        problem = robot.problem(robot.inputs(distributed_force=size * unit), integrator=mr.RK45())
+        turns = problem.free_turns()
+        assert turns is not None
+        assert int(turns[0]) in kinds
+
+
+def test_a_moment_on_a_clamped_end_tells_no_place():
+    """It does no work: a round rod from a ball to there is as without it, in a solve and where it begins in a motion."""
+    end = np.eye(4)
+    end[2, 3] = 0.94 * LENGTH
+    robot = mr.HeldRod(mr.Rod(**KIND, **SOME["round"]), end=end, base_joint="spherical", joint="clamped")
+    moment = np.linspace(0, 1, 5)[:, None] * np.array([0.02, 0.01, 0.005])
+    motion = mr.simulate(robot, robot.inputs(tip_moment=moment), time=np.arange(5.0)).raise_if_failed()
+    np.testing.assert_allclose(motion.rod(0, nodes=5).position, motion.rod(0, nodes=5).position[:1] + 0 * moment[:, None], atol=1e-9)
+
+
+def test_a_force_begins_on_a_round_rod_from_a_ball_to_a_clamp():
+    """It is anywhere around its axis before, and bends to where the force draws it then."""
+    end = np.eye(4)
+    end[2, 3] = 0.94 * LENGTH
+    robot = mr.HeldRod(mr.Rod(**KIND, **SOME["round"]), end=end, base_joint="spherical", joint="clamped")
+    force = np.array([0, 0, 0.1, 0.2, 0.3])[:, None] * np.array([0.2, 0.1, 0])
+    motion = mr.simulate(robot, robot.inputs(distributed_force=force), time=np.arange(5.0)).raise_if_failed()
+    middle = motion.rod(0, nodes=5).position[2:, 2, :2]
+    along = middle @ [2, 1] / np.linalg.norm(middle, axis=1) / np.sqrt(5)
+    np.testing.assert_allclose(along, 1, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", SOME)
 def test_instances_under_forces_leave_those_without_as_they_are_alone(kind):
     """A round rod beside one under its weight was not held against its spin."""
     robot = mr.HeldRod(mr.Rod(**KIND, **SOME[kind]), **BALLS)

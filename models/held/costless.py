@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 AXIS = np.array([0.0, 0.0, 1.0])  # of a rod
 STRAIGHT = 1e-6  # how little rods are bent that have no plane [rad]
+NONE = 1e-9  # of EI/L^3: a load along the rod that is none; so little tells a place around to no tolerance
 SMALL = 1e-4  # square of an angle under which quotients are series
 
 
@@ -80,15 +81,14 @@ def free_in_balls(problem: "HeldProblem") -> IntArray:
     kinds, forced = problem.table.balls.numpy(), problem.table.forced.numpy()
     if not kinds.any():
         return np.asarray(kinds)
-    inputs = problem.read("inputs")
-    moment, along = problem.input_slice("tip_moment"), slice(problem.table.along, problem.table.along + 3 * len(ALONG))
-    acting = inputs[:, moment].any(axis=1) | inputs[:, along].any(axis=1)
+    loads = acting(problem)
+    loads[:, 0] &= kinds != BALL_AND_CLAMP  # on an end that is clamped it does no work
     away, frame = problem.goal()
     away = away - problem.rod.table.base_position.numpy()
     axis = problem.base_frame[:, :, 2]
     off = [np.linalg.norm(cross(axis, own), axis=1) for own in (away / problem.length[:, None], frame[:, :, 2])]
     aside = (kinds == BALL_AND_CLAMP) & (np.max(off, axis=0) >= ON_AXIS)
-    result = np.asarray(np.where(acting | aside, 0, kinds))
+    result = np.asarray(np.where(loads.any(axis=1) | aside, 0, kinds))
     if forced.any():
         forces, free = under_forces(problem)
         spins = np.where(forced == ROUND_IN_BALLS, SPINS, 0)
@@ -96,28 +96,52 @@ def free_in_balls(problem: "HeldProblem") -> IntArray:
     return result
 
 
+def least_loads(problem: "HeldProblem") -> FloatArray:
+    """(24) Loads that are none: of the moment on the tip [N m], then of ``ALONG``, each in its own unit, (instance_count, 5)."""
+    length, mass = problem.length, _mass(problem)
+    with np.errstate(divide="ignore"):
+        weight = 1 / (mass * length**2)
+    field = np.zeros_like(length)  # what is magnetised is turned by any
+    own = np.stack([1 / length, 1 / length**3, 1 / length**2, weight, field], axis=1)
+    return np.asarray(NONE * problem.stiffness[:, None] * own)
+
+
+def acting(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """(24) Which loads act at the inputs, in the order of ``least_loads``, shape (instance_count, 5)."""
+    inputs, first = problem.read("inputs"), problem.table.along
+    along = inputs[:, first : first + 3 * len(ALONG)].reshape(-1, len(ALONG), 3)
+    loads = np.concatenate([inputs[:, None, problem.input_slice("tip_moment")], along], axis=1)
+    return np.asarray(np.linalg.norm(loads, axis=2) > problem.table.least.numpy())
+
+
 def under_forces(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(28) Whether a rod is between two balls and forces alone act along it; whether these are along the line between the balls,
     as is any slide. Shapes (instance_count,)."""
     inputs, first = problem.read("inputs"), problem.table.along
-    force, torque, weight, field = (inputs[:, first + 3 * k : first + 3 * k + 3] for k in range(len(ALONG)))
-    moments = np.concatenate([inputs[:, problem.input_slice("tip_moment")], torque, field], axis=1).any(axis=1)
-    acting = (problem.table.forced.numpy() != 0) & ~moments & (force.any(axis=1) | weight.any(axis=1))
+    moment, pushed, torque, heavy, field = acting(problem).T
+    forces = (problem.table.forced.numpy() != 0) & (pushed | heavy) & ~(moment | torque | field)
+    force, weight = (own[:, None] * inputs[:, first + at : first + at + 3] for own, at in ((pushed, 0), (heavy, 6)))
     place, frame = problem.goal()
     chord = place - problem.rod.table.base_position.numpy()
-    free = acting.copy()
+    free = forces.copy()
     for own in (force, weight, *([] if problem.holders.slide is None else [frame @ problem.holders.slide])):
         sizes = np.linalg.norm(own, axis=1) * np.linalg.norm(chord, axis=1)
         free &= np.linalg.norm(cross(own, chord), axis=1) <= ON_AXIS * sizes
-    return acting, free
+    return forces, free
 
 
 def force_along(problem: "HeldProblem") -> FloatArray:
     """All that forces on a rod and its weight are together, in the world [N], shape (instance_count, 3)."""
-    inputs, first, arrays = problem.read("inputs"), problem.table.along, problem.rod.arrays
+    inputs, first = problem.read("inputs"), problem.table.along
+    own, weight = (inputs[:, first + at : first + at + 3] for at in (0, 6))
+    return np.asarray(problem.length[:, None] * own + _mass(problem)[:, None] * weight)
+
+
+def _mass(problem: "HeldProblem") -> FloatArray:
+    """Of the rod [kg], shape (instance_count,)."""
+    arrays = problem.rod.arrays
     parts = np.diff(arrays.end[:, 0], axis=1, prepend=0.0)
-    mass = problem.rod.each((parts * arrays.material[:, 0, :, 9]).sum(axis=1))
-    return np.asarray(problem.length[:, None] * inputs[:, first : first + 3] + mass[:, None] * inputs[:, first + 6 : first + 9])
+    return np.asarray(problem.rod.each((parts * arrays.material[:, 0, :, 9]).sum(axis=1)))
 
 
 def turned_to(axis: FloatArray, other: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.held.along import HeldSensing, Launches, columns_along, unknown_rates
 from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, HeldStarts, Reach
 from multirod.models.held.clamps import HeldClamps
-from multirod.models.held.costless import alike, hold_bases_alone
+from multirod.models.held.costless import alike, free_in_balls, hold_bases_alone
 from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, HeldOptions, Holders
 from multirod.models.held.kernels.base_kernels import hand_over
 from multirod.models.held.kernels.holding_kernels import hold
@@ -375,6 +375,9 @@ class HeldProblem(BoundaryProblem):
 
     def taut(self) -> NDArray[np.bool_]:  # noqa: D102
         return self.reach.attained()
+
+    def free_turns(self) -> IntArray | None:  # noqa: D102
+        return free_in_balls(self) if self.table.balls.numpy().any() else None
 
     def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:  # noqa: D102
         return self.reach.tells_nothing(unknowns)

@@ -11,7 +11,7 @@ from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, Resu
 from multirod.problem.buffers import Buffers
 from multirod.segments import Segments
 from multirod.stability import StabilityAnalysis
-from multirod.status import Status, failures
+from multirod.status import IntArray, Status, failures
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -117,6 +117,11 @@ class Offers(Buffers):
         """Whether a rod that does not stretch is held at its full length, shape (instance_count,): it can but be straight, with
         any force along itself, and no branch leads from there or to there."""
         return np.zeros(self.instance_count, dtype=bool)
+
+    def free_turns(self) -> IntArray | None:
+        """Which turns of each instance cost nothing at the inputs, told apart by numbers, shape (instance_count,); None where none
+        ever does. Where they differ an equilibrium is one of many that are alike, and no branch leads on from it."""
+        return None
 
     def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:
         """Whether unknowns (instance_count, n) are those of a rod that is ``taut``: as a guess they lead nowhere. Shape

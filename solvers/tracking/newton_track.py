@@ -171,6 +171,7 @@ class NewtonTrack(Track):
                 self.fresh &= ~(calm & np.isclose(own, problem.read("unknowns"), rtol=SAME, atol=SAME).all(axis=1))
             if edge.any():
                 self._leave_edge(edge & (outcome.status == _CONVERGED), outcome, self.inputs)
+            self._begin_anew(outcome, self.inputs)
         return self._keep(outcome)
 
     def _turned(self) -> BoolArray | None:
@@ -220,6 +221,26 @@ class NewtonTrack(Track):
             ends, reached = self.problem.read("unknowns"), np.full(len(chosen), JUST_THERE)
             go_on(self.options, self.problem, self.newton, outcome, lost, reached, ends, before=before)
             self.edge &= ~lost | failures(outcome.status)
+
+    def _begin_anew(self, outcome: Outcome, before: FloatArray) -> None:
+        """Solve without a guess what failed and is turned at no cost otherwise than at the last good sample, as between balls where
+        a load begins or ends to act: there it was, or may be, anywhere around."""
+        problem, newton = self.problem, self.newton
+        failed = self.known & failures(outcome.status)
+        if self.options.at_fold == "stop" or not failed.any() or (now := problem.free_turns()) is None:
+            return
+        asked = problem.read("inputs")
+        problem.write("inputs", before)
+        then = problem.free_turns()
+        problem.write("inputs", asked)
+        failed &= now != then
+        if failed.any():
+            again = ColdStart(self.options, problem, newton, failed).run()
+            self._take_in(failed, again, outcome)
+            outcome.breakpoints |= again.breakpoints
+            outcome.events |= again.events
+            self.known &= ~failed
+            self.all_known = False
 
     def _let_out(self, stuck: BoolArray, outcome: Outcome, paths: Paths, before: FloatArray, last: FloatArray) -> None:
         """What is stuck beside a line at its kink, from the last good sample with all lines longer, on a way where they are."""

@@ -50,6 +50,7 @@ class Held:
     clamped: int  # whether clamps tell of that turn, and (11) need not hold it
     balls: wp.array[int]  # (24) which turns of a rod whose base is in a ball cost nothing where no load acts
     forced: wp.array[int]  # (28) the same of a rod in two balls under forces along it: IN_BALLS, ROUND_IN_BALLS, or none
+    least: wp.array2d[wp.float64]  # of the moment on the tip, then of ALONG: as much or less is no load (instance, 5)
     leading: wp.array[wp.float64]  # how its turn about the line between the balls is held where the path begins
     ways: wp.array2d[wp.vec3d]  # along which the rotation vector of its base is held: as the rod spins, and as it turns
     held_at: wp.array2d[wp.float64]  # where [1/m]

@@ -21,17 +21,22 @@ FORCE, TORQUE, WEIGHT, FIELD = (3 * k for k in range(len(ALONG)))  # places afte
 
 
 @wp.func
+def acts(held: Held, b: int, place: int, kind: int) -> bool:
+    """Whether a load is more than none, (24)."""
+    return wp.length(vector(held.problem.inputs, b, place)) > held.least[b, kind]
+
+
+@wp.func
 def balls_at(held: Held, b: int, away: wp.vec3d) -> int:
     """(24) Which turns cost nothing, its end's holder ``away`` from its base."""
     kind = held.balls[b]
     if kind == 0:
         return 0
-    acting = f64(0.0)
-    for i in range(3):
-        acting += wp.abs(held.problem.inputs[b, held.tip_loads + 3 + i])
-    for i in range(wp.static(3 * len(ALONG))):
-        acting += wp.abs(held.problem.inputs[b, held.along + i])
-    if acting != f64(0.0) or wp.length(away) < f64(wp.static(ON_AXIS)) * held.length[b]:
+    # a moment on an end that is clamped does no work
+    acting = acts(held, b, held.tip_loads + 3, 0) and kind != wp.static(BALL_AND_CLAMP)
+    for k in range(wp.static(len(ALONG))):
+        acting = acting or acts(held, b, held.along + 3 * k, 1 + k)
+    if acting or wp.length(away) < f64(wp.static(ON_AXIS)) * held.length[b]:
         return 0
     if kind == wp.static(BALL_AND_CLAMP) and not on_axis(held, b):
         return 0
@@ -53,13 +58,13 @@ def weights_under_forces(held: Held, b: int) -> wp.vec2d:
         return none
     force = vector(held.problem.inputs, b, held.along + wp.static(FORCE))
     weight = vector(held.problem.inputs, b, held.along + wp.static(WEIGHT))
-    moments = wp.abs(vector(held.problem.inputs, b, held.tip_loads + 3))
-    moments += wp.abs(vector(held.problem.inputs, b, held.along + wp.static(TORQUE)))
-    moments += wp.abs(vector(held.problem.inputs, b, held.along + wp.static(FIELD)))
-    if moments[0] + moments[1] + moments[2] != f64(0.0) or wp.length(force) + wp.length(weight) == f64(0.0):
+    moments = acts(held, b, held.tip_loads + 3, 0)
+    moments = moments or acts(held, b, held.along + wp.static(TORQUE), 2) or acts(held, b, held.along + wp.static(FIELD), 4)
+    pushed, heavy = acts(held, b, held.along + wp.static(FORCE), 1), acts(held, b, held.along + wp.static(WEIGHT), 3)
+    if moments or not (pushed or heavy):
         return none
     chord = held.end_position[b] + vector(held.problem.inputs, b, held.pose) - held.base_position[b]
-    free = lies_along(force, chord) and lies_along(weight, chord)
+    free = (not pushed or lies_along(force, chord)) and (not heavy or lies_along(weight, chord))
     if held.slides != 0:
         frame = rotation_from_vector(vector(held.problem.inputs, b, held.pose + 3)) * held.end_frame[b]
         free = free and lies_along(column_of(frame * held.guide, 2), chord)
