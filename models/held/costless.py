@@ -1,4 +1,4 @@
-"""Turns of a held rod that cost nothing, and what holds those of a rod between two balls under forces along it.
+"""Turns of a held rod that cost nothing, and what holds those of a rod between two balls.
 
 Numbers in parentheses are those of ``docs/held.md``.
 """
@@ -52,48 +52,33 @@ def round_about_itself(problem: "HeldProblem") -> NDArray[np.bool_]:
 
 
 def in_balls(problem: "HeldProblem") -> NDArray[np.intp]:
-    """(24) Which turns of a rod with its base in a ball cost nothing where no load acts, shape (instance_count,)."""
+    """(24), (28) Which turns of a rod with its base in a ball cost nothing where no load acts, as ``kernels.arguments`` numbers
+    them, 0 where none does, shape (instance_count,)."""
     holders, features = problem.holders, problem.rod.features
-    told = holders.base_joint != SPHERICAL or holders.joint == REVOLUTE or features.loads or features.profile_degree >= 0
-    if told or holders.joint not in (SPHERICAL, CLAMPED):
+    if holders.base_joint != SPHERICAL or features.loads or features.profile_degree >= 0:
         return np.zeros(problem.instance_count, dtype=np.intp)
     same = round_about_itself(problem)
-    if holders.slide is not None and abs(holders.slide[2]) < 1 - ON_AXIS:
-        same[:] = False
     if holders.joint == SPHERICAL:
         return np.where(same, ROUND_IN_BALLS, IN_BALLS)
-    return np.where(same, BALL_AND_CLAMP, 0)
-
-
-def in_balls_under_forces(problem: "HeldProblem") -> NDArray[np.intp]:
-    """(28) Which turns of a rod between two balls cost nothing under forces along the line between these, of a round one its spin
-    under all; shape (instance_count,)."""
-    holders, features = problem.holders, problem.rod.features
-    joints, along = (holders.base_joint, holders.joint), features.distributed_force
-    if joints != (SPHERICAL, SPHERICAL) or features.loads or features.profile_degree >= 0 or not along:
-        return np.zeros(problem.instance_count, dtype=np.intp)
-    return np.where(round_about_itself(problem), ROUND_IN_BALLS, IN_BALLS)
+    on_axis = holders.slide is None or abs(holders.slide[2]) >= 1 - ON_AXIS
+    return np.where(same & on_axis & (holders.joint == CLAMPED), BALL_AND_CLAMP, 0)
 
 
 def free_in_balls(problem: "HeldProblem") -> IntArray:
-    """(24), (28) Which turns of a rod with its base in a ball cost nothing, as ``kernels.arguments`` numbers them, 0 where none
-    does, shape (instance_count,)."""
-    kinds, forced = problem.table.balls.numpy(), problem.table.forced.numpy()
+    """(24), (28) The same at the inputs."""
+    kinds = problem.table.balls.numpy()
     if not kinds.any():
         return np.asarray(kinds)
-    loads = acting(problem)
-    loads[:, 0] &= kinds != BALL_AND_CLAMP  # on an end that is clamped it does no work
     away, frame = problem.goal()
     away = away - problem.rod.table.base_position.numpy()
     axis = problem.base_frame[:, :, 2]
     off = [np.linalg.norm(cross(axis, own), axis=1) for own in (away / problem.length[:, None], frame[:, :, 2])]
-    aside = (kinds == BALL_AND_CLAMP) & (np.max(off, axis=0) >= ON_AXIS)
-    result = np.asarray(np.where(loads.any(axis=1) | aside, 0, kinds))
-    if forced.any():
-        forces, free = under_forces(problem)
-        spins = np.where(forced == ROUND_IN_BALLS, SPINS, 0)
-        result = np.where(forces, np.where(free, forced, spins), result)
-    return result
+    on_axis = np.max(off, axis=0) < ON_AXIS
+    bare = ~acting(problem)[:, 1:].any(axis=1)  # a moment on an end that is clamped does no work
+    without_moments, free = between_balls(problem)
+    spins = np.where(kinds == ROUND_IN_BALLS, SPINS, 0)
+    turned = np.where(without_moments, np.where(free, kinds, spins), 0)
+    return np.asarray(np.where(kinds == BALL_AND_CLAMP, np.where(bare & on_axis, kinds, 0), turned))
 
 
 def least_loads(problem: "HeldProblem") -> FloatArray:
@@ -114,20 +99,20 @@ def acting(problem: "HeldProblem") -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(loads, axis=2) > problem.table.least.numpy())
 
 
-def under_forces(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(28) Whether a rod is between two balls and forces alone act along it; whether these are along the line between the balls,
-    as is any slide. Shapes (instance_count,)."""
+def between_balls(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(28) Whether a rod is between two balls and no moments act on it; whether what forces act along it are along the line
+    between the balls, as is any slide. Shapes (instance_count,)."""
     inputs, first = problem.read("inputs"), problem.table.along
     moment, pushed, torque, heavy, field = acting(problem).T
-    forces = (problem.table.forced.numpy() != 0) & (pushed | heavy) & ~(moment | torque | field)
+    between = np.isin(problem.table.balls.numpy(), (IN_BALLS, ROUND_IN_BALLS)) & ~(moment | torque | field)
     force, weight = (own[:, None] * inputs[:, first + at : first + at + 3] for own, at in ((pushed, 0), (heavy, 6)))
     place, frame = problem.goal()
     chord = place - problem.rod.table.base_position.numpy()
-    free = forces.copy()
+    free = between.copy()
     for own in (force, weight, *([] if problem.holders.slide is None else [frame @ problem.holders.slide])):
         sizes = np.linalg.norm(own, axis=1) * np.linalg.norm(chord, axis=1)
         free &= np.linalg.norm(cross(own, chord), axis=1) <= ON_AXIS * sizes
-    return forces, free
+    return between, free
 
 
 def force_along(problem: "HeldProblem") -> FloatArray:
@@ -160,7 +145,7 @@ def hold_base(problem: "HeldProblem", turn: FloatArray, axis: FloatArray, chosen
     the balls being along ``axis``, both (instance_count, 3), in the frame of the base's holder."""
     table, back = problem.table, inverse_left_jacobian(turn)
     tangent = matrices(turn)[:, :, 2]
-    spins = table.forced.numpy() == ROUND_IN_BALLS
+    spins = table.balls.numpy() == ROUND_IN_BALLS
 
     def unit(v: FloatArray) -> FloatArray:
         size = np.linalg.norm(v, axis=1, keepdims=True)
@@ -170,8 +155,9 @@ def hold_base(problem: "HeldProblem", turn: FloatArray, axis: FloatArray, chosen
     whole = (back @ axis[:, :, None])[:, :, 0]
     apart = (back @ (axis - tangent)[:, :, None])[:, :, 0]
     apart -= (apart * spin).sum(axis=1)[:, None] * spin
-    # a straight rod spins where it is turned as one: any other way will do
-    other = cross(spin, np.eye(3)[np.argmin(np.abs(spin), axis=1)])
+    # a straight rod spins where it is turned as one: any other way will do, and where it points along its holder it bends about y
+    other = np.eye(3)[np.argmin(np.abs(spin), axis=1)]
+    other -= (other * spin).sum(axis=1)[:, None] * spin
     apart = np.where((np.linalg.norm(apart, axis=1) > STRAIGHT)[:, None], apart, other)
     ways = np.stack([spin, np.where(spins[:, None], unit(apart), unit(whole))], axis=1)
     at = np.einsum("bki,bi->bk", ways, turn) / problem.length[:, None]
@@ -186,7 +172,7 @@ def hold_bases_alone(problem: "HeldProblem") -> None:
     size = np.linalg.norm(axis, axis=1, keepdims=True)
     axis = np.where(size > 0, axis / np.where(size > 0, size, 1.0), AXIS)
     turn = vectors(turned_to(np.broadcast_to(AXIS, axis.shape), axis))
-    hold_base(problem, turn, axis, problem.table.forced.numpy() != 0)
+    hold_base(problem, turn, axis, between_balls(problem)[0])
 
 
 def holding(
@@ -195,11 +181,11 @@ def holding(
     """(28) What is taken off the moments at the bases of the ``chosen``, (count, 3), and its columns by their rotation vectors
     over the length, (count, 3, 3), at unknowns (count, n) and levels of the load (count,); None where nothing is."""
     table = problem.table
-    if not table.forced.numpy().any():
+    between, free = (own[chosen] for own in between_balls(problem))
+    if not between.any():
         return None
-    acting, free = (own[chosen] for own in under_forces(problem))
-    spins = acting & (table.forced.numpy()[chosen] == ROUND_IN_BALLS)
-    fading = acting * np.maximum(1 - level, 0.0) * table.leading.numpy()[chosen]
+    spins = between & (table.balls.numpy()[chosen] == ROUND_IN_BALLS)
+    fading = between * np.maximum(1 - level, 0.0) * table.leading.numpy()[chosen]
     weights = np.stack([spins, np.where(free, 1.0, fading)], axis=1)
     length, ways = problem.length[chosen], table.ways.numpy()[chosen]
     turn = length[:, None] * unknowns[:, problem.rod.unknown_count :]

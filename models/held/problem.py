@@ -94,7 +94,7 @@ class HeldProblem(BoundaryProblem):
         self.table = make_table(self, pieces)
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
-        if self.table.forced.numpy().any():
+        if self.table.balls.numpy().any():
             hold_bases_alone(self)
 
     def _make_rod(
@@ -230,7 +230,7 @@ class HeldProblem(BoundaryProblem):
         self.rod._clear()
         self.inputs_given, self._natural, self._begun = inputs, None, None
         self.write("inputs", self.pack(inputs))
-        if self.table.forced.numpy().any():
+        if self.table.balls.numpy().any():
             hold_bases_alone(self)
         return True
 

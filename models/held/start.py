@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray
 from multirod.models.backbone.kernels.loads.foundation import Foundation, RisingFoundation
 from multirod.models.held.buckling import MODES, buckled, hinge_of, thrust_of, to_side
-from multirod.models.held.costless import AXIS, force_along, free_in_balls, hold_base, straight_at_rest, turned_to, under_forces
+from multirod.models.held.costless import AXIS, between_balls, force_along, free_in_balls, hold_base, straight_at_rest, turned_to
 from multirod.models.held.kernels.arguments import ACROSS, IN_BALLS
 from multirod.results.events import BranchEvent
 from multirod.rotations import cross, matrices, vectors
@@ -106,7 +106,7 @@ def begin(problem: "HeldProblem") -> Begun:
         position, rotation = problem.rod.read("position"), problem.rod.read("rotation").reshape(-1, 3, 3)
         problem.table.rest_position.assign(position)
         problem.table.rest_turn.assign(vectors(problem.end_frame @ np.swapaxes(rotation, 1, 2)))
-        led = under_forces(problem)[0]
+        led = between_balls(problem)[0]
         if led.any():
             x, buckled, turned = _led(problem, x, np.array(position), led)
             position = np.array(problem.table.rest_position.numpy())

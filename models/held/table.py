@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from multirod.kernels.warp_types import Array, Struct
 from multirod.models.backbone.units import unit_stiffness
-from multirod.models.held.costless import in_balls, in_balls_under_forces, least_loads
+from multirod.models.held.costless import in_balls, least_loads
 from multirod.models.held.holders import POSE_INPUTS, TIP_LOADS
 from multirod.models.held.kernels.arguments import ALONG, Held
 
@@ -49,7 +49,6 @@ def make_table(problem: "HeldProblem", pieces: int) -> Struct:
     held.neutral = wp.zeros(count, dtype=wp.int32, device=device)
     held.clamped = int(pieces > 1)
     held.balls = array(in_balls(problem), wp.int32)
-    held.forced = array(in_balls_under_forces(problem), wp.int32)
     held.least = array(least_loads(problem), wp.float64)
     held.leading = wp.zeros(count, dtype=wp.float64, device=device)
     held.ways = wp.zeros((count, 2), dtype=wp.vec3d, device=device)

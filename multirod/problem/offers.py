@@ -119,8 +119,8 @@ class Offers(Buffers):
         return np.zeros(self.instance_count, dtype=bool)
 
     def free_turns(self) -> IntArray | None:
-        """Which turns of each instance cost nothing at the inputs, told apart by numbers, shape (instance_count,); None where none
-        ever does. Where they differ an equilibrium is one of many that are alike, and no branch leads on from it."""
+        """Which turns of each instance cost nothing at the inputs, told apart by numbers, shape (instance_count,); None where
+        none ever does. Where they differ an equilibrium is one of many that are alike, and no branch leads on from it."""
         return None
 
     def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:

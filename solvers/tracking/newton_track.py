@@ -223,8 +223,8 @@ class NewtonTrack(Track):
             self.edge &= ~lost | failures(outcome.status)
 
     def _begin_anew(self, outcome: Outcome, before: FloatArray) -> None:
-        """Solve without a guess what failed and is turned at no cost otherwise than at the last good sample, as between balls where
-        a load begins or ends to act: there it was, or may be, anywhere around."""
+        """Solve without a guess what failed and is turned at no cost otherwise than at the last good sample, as between balls
+        where a load begins or ends to act: there it was, or may be, anywhere around."""
         problem, newton = self.problem, self.newton
         failed = self.known & failures(outcome.status)
         if self.options.at_fold == "stop" or not failed.any() or (now := problem.free_turns()) is None:

@@ -10,8 +10,8 @@ POSE = 6  # residuals of the end's joint
 ON_AXIS = 1e-9  # what counts as on an axis, in lengths, and along it
 ACROSS = 1e-6  # turn of the end across the axis of the base from which on it says where the rod bends [rad]
 SOFT = 0.025  # of forces and moments in EI/L^2 and EI/L, by which a neutral turn is held: then it is as stiff as others
-IN_BALLS, ROUND_IN_BALLS, BALL_AND_CLAMP = 1, 2, 3  # (24) rods in two balls, such ones that are alike about themselves, in one
-UNDER_FORCES, SPINS = 4, 5  # (28) rods in two balls on which forces act; of these, such ones whose spin alone costs nothing
+IN_BALLS, ROUND_IN_BALLS, SPINS = 1, 2, 3  # (28) rods between two balls, such ones that are round, and these under loads across
+BALL_AND_CLAMP = 4  # (24)
 ALONG = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")  # as they stand in a row of a rod's inputs
 
 
@@ -48,8 +48,7 @@ class Held:
     alike: wp.array[int]  # whether the rod is the same about its axis, whatever holds its end
     neutral: wp.array[int]  # whether a turn about the base's axis costs nothing
     clamped: int  # whether clamps tell of that turn, and (11) need not hold it
-    balls: wp.array[int]  # (24) which turns of a rod whose base is in a ball cost nothing where no load acts
-    forced: wp.array[int]  # (28) the same of a rod in two balls under forces along it: IN_BALLS, ROUND_IN_BALLS, or none
+    balls: wp.array[int]  # (24), (28) which turns of a rod whose base is in a ball cost nothing where no load acts
     least: wp.array2d[wp.float64]  # of the moment on the tip, then of ALONG: as much or less is no load (instance, 5)
     leading: wp.array[wp.float64]  # how its turn about the line between the balls is held where the path begins
     ways: wp.array2d[wp.vec3d]  # along which the rotation vector of its base is held: as the rod spins, and as it turns

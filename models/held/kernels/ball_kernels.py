@@ -9,7 +9,6 @@ from multirod.models.held.kernels.arguments import (
     IN_BALLS,
     ON_AXIS,
     ROUND_IN_BALLS,
-    UNDER_FORCES,
     Held,
 )
 from multirod.models.held.kernels.base_kernels import on_axis, turn_of
@@ -27,22 +26,14 @@ def acts(held: Held, b: int, place: int, kind: int) -> bool:
 
 
 @wp.func
-def balls_at(held: Held, b: int, away: wp.vec3d) -> int:
-    """(24) Which turns cost nothing, its end's holder ``away`` from its base."""
-    kind = held.balls[b]
-    if kind == 0:
-        return 0
-    # a moment on an end that is clamped does no work
-    acting = acts(held, b, held.tip_loads + 3, 0) and kind != wp.static(BALL_AND_CLAMP)
+def turns_about_clamp(held: Held, b: int, away: wp.vec3d) -> bool:
+    """(24) Whether a turn costs nothing of a rod from a ball to a clamp, its end's holder ``away`` from its base."""
+    if held.balls[b] != wp.static(BALL_AND_CLAMP) or wp.length(away) < f64(wp.static(ON_AXIS)) * held.length[b]:
+        return False
+    acting = False  # a moment on an end that is clamped does no work
     for k in range(wp.static(len(ALONG))):
         acting = acting or acts(held, b, held.along + 3 * k, 1 + k)
-    if acting or wp.length(away) < f64(wp.static(ON_AXIS)) * held.length[b]:
-        return 0
-    if kind == wp.static(BALL_AND_CLAMP) and not on_axis(held, b):
-        return 0
-    if held.clamped != 0 and kind == wp.static(ROUND_IN_BALLS):
-        return wp.static(IN_BALLS)
-    return kind
+    return not acting and on_axis(held, b)
 
 
 @wp.func
@@ -51,17 +42,16 @@ def lies_along(v: wp.vec3d, axis: wp.vec3d) -> bool:
 
 
 @wp.func
-def weights_under_forces(held: Held, b: int) -> wp.vec2d:
-    """(28) How the spin of a rod between two balls is held, and its turn about the line between them, under forces along it."""
+def weights_between_balls(held: Held, b: int) -> wp.vec2d:
+    """(28) How the spin of a rod between two balls is held, and its turn about the line between them."""
     none = wp.vec2d(f64(0.0), f64(0.0))
-    if held.forced[b] == 0:
+    if held.balls[b] != wp.static(IN_BALLS) and held.balls[b] != wp.static(ROUND_IN_BALLS):
         return none
     force = vector(held.problem.inputs, b, held.along + wp.static(FORCE))
     weight = vector(held.problem.inputs, b, held.along + wp.static(WEIGHT))
-    moments = acts(held, b, held.tip_loads + 3, 0)
-    moments = moments or acts(held, b, held.along + wp.static(TORQUE), 2) or acts(held, b, held.along + wp.static(FIELD), 4)
     pushed, heavy = acts(held, b, held.along + wp.static(FORCE), 1), acts(held, b, held.along + wp.static(WEIGHT), 3)
-    if moments or not (pushed or heavy):
+    moments = acts(held, b, held.tip_loads + 3, 0)
+    if moments or acts(held, b, held.along + wp.static(TORQUE), 2) or acts(held, b, held.along + wp.static(FIELD), 4):
         return none
     chord = held.end_position[b] + vector(held.problem.inputs, b, held.pose) - held.base_position[b]
     free = (not pushed or lies_along(force, chord)) and (not heavy or lies_along(weight, chord))
@@ -69,7 +59,9 @@ def weights_under_forces(held: Held, b: int) -> wp.vec2d:
         frame = rotation_from_vector(vector(held.problem.inputs, b, held.pose + 3)) * held.end_frame[b]
         free = free and lies_along(column_of(frame * held.guide, 2), chord)
     turn = wp.where(free, f64(1.0), wp.max(f64(1.0) - held.problem.load_factor[b], f64(0.0)) * held.leading[b])
-    spin = wp.where(held.forced[b] == wp.static(ROUND_IN_BALLS), f64(1.0), f64(0.0))
+    # clamps along the rod tell of its spin
+    spins = held.balls[b] == wp.static(ROUND_IN_BALLS) and held.clamped == 0
+    spin = wp.where(spins, f64(1.0), f64(0.0))
     return wp.vec2d(spin, turn)
 
 
@@ -77,13 +69,12 @@ def weights_under_forces(held: Held, b: int) -> wp.vec2d:
 class Spin:
     """(24), (28) What stands in the rows of a ball at the base for turns that cost nothing."""
 
-    kind: int
-    weights: wp.vec2d
+    there: bool
+    weights: wp.vec2d  # between two balls
     apart: f64
     chord: wp.vec3d  # from base to end, in the frame of the base's holder
     angle: wp.vec3d  # rotation vector of the base
     turned: wp.vec3d  # what a moment about the chord turns it by
-    lag: f64
     fall: f64
 
 
@@ -120,19 +111,16 @@ def turned_by_variation(a: wp.vec3d, e: wp.vec3d, da: wp.vec3d) -> wp.vec3d:
 @wp.func
 def spin_of(held: Held, b: int, away: wp.vec3d) -> Spin:
     spin = Spin()
-    spin.kind = balls_at(held, b, away)
-    if spin.kind != 0:
+    spin.angle = turn_of(held, b)
+    if turns_about_clamp(held, b, away):
+        spin.there = True
         spin.apart = wp.length(away)
         spin.chord = wp.transpose(held.base_frame[b]) * (away / spin.apart)
-        spin.angle = turn_of(held, b)
         spin.turned = turned_by(spin.angle, spin.chord)
-        spin.lag = wp.dot(spin.chord, spin.angle) / held.length[b]
         spin.fall = spin.angle[0] / held.length[b]
         return spin
-    spin.weights = weights_under_forces(held, b)
-    if spin.weights[0] != f64(0.0) or spin.weights[1] != f64(0.0):
-        spin.kind = wp.static(UNDER_FORCES)
-        spin.angle = turn_of(held, b)
+    spin.weights = weights_between_balls(held, b)
+    spin.there = spin.weights[0] != f64(0.0) or spin.weights[1] != f64(0.0)
     return spin
 
 
@@ -162,32 +150,17 @@ def holding_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d) -> wp.v
 @wp.func
 def rows_of_spin(held: Held, b: int, spin: Spin) -> wp.vec3d:
     """(24), (28)"""
-    if spin.kind == wp.static(UNDER_FORCES):
+    if spin.apart == f64(0.0):
         return holding_rows(held, b, spin)
-    return spin_rows(spin, spin.turned, spin.lag, spin.fall)
-
-
-@wp.func
-def spin_rows(spin: Spin, turned: wp.vec3d, lag: f64, fall: f64) -> wp.vec3d:
-    """(24)"""
-    along = wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
-    if spin.kind == wp.static(BALL_AND_CLAMP):
-        return fall * (turned - along)
-    if spin.kind == wp.static(ROUND_IN_BALLS):
-        return lag * turned + fall * along
-    return lag * turned
+    return spin.fall * (spin.turned - wp.vec3d(f64(0.0), f64(0.0), f64(1.0)))
 
 
 @wp.func
 def spin_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d, move: wp.vec3d) -> wp.vec3d:
     """(24), (28) Their change where the base's rotation vector changes by ``da``, over the length, and the end's holder moves."""
-    if spin.kind == wp.static(UNDER_FORCES):
+    if spin.apart == f64(0.0):
         return holding_rows_variation(held, b, spin, da)
     own = wp.transpose(held.base_frame[b]) * move
     dchord = (own - wp.dot(spin.chord, own) * spin.chord) / spin.apart
     dturned = turned_by(spin.angle, dchord) + turned_by_variation(spin.angle, spin.chord, held.length[b] * da)
-    dlag = wp.dot(dchord, spin.angle) / held.length[b] + wp.dot(spin.chord, da)
-    change = spin_rows(spin, spin.turned, dlag, da[0])
-    if spin.kind == wp.static(BALL_AND_CLAMP):
-        return change + spin.fall * dturned
-    return change + spin.lag * dturned
+    return da[0] * (spin.turned - wp.vec3d(f64(0.0), f64(0.0), f64(1.0))) + spin.fall * dturned

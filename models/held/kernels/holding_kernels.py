@@ -54,7 +54,7 @@ def hold(held: Held):
         held.problem.residual[b, i] = held.rod.residual[b, i] - open * held.opening[b, i]
     spin = spin_of(held, b, tip.end.position - held.base_position[b])
     spun = zero
-    if spin.kind != 0:
+    if spin.there:
         spun = rows_of_spin(held, b, spin)
     for j in range(held.turns):
         row = bent * base_moment(held, b) - spun
@@ -70,7 +70,7 @@ def hold(held: Held):
         if k >= m + held.direction_count:
             # (9) the rod turns with its base as one
             a = turn_axis(held, b, k - m - held.direction_count)
-            if spin.kind != 0:
+            if spin.there:
                 spun = spin_rows_variation(held, b, spin, held.base_axes[k - m - held.direction_count], zero)
             dp += wp.cross(a, held.rod.position[b] - held.base_position[b])
             tip_turn += a
@@ -78,7 +78,7 @@ def hold(held: Held):
             dm += wp.cross(a, moment)
         elif k >= m:
             d = k - m
-            if spin.kind != 0:
+            if spin.there:
                 move = held.problem.load_factor[b] * along(held.problem.directions, b, d, held.pose)
                 spun = spin_rows_variation(held, b, spin, zero, move)
         if held.problem.pose_columns.shape[2] > 1:
