@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from test_check_assembly import check_assembly
+from test_network_derivatives import bases_moved, pose_rate
 from test_network_rods import at
 
 import multirod as mr
@@ -88,6 +89,17 @@ def test_columns_by_where_a_hand_is():
     """The whole of what an assembly promises, where a hand is moved and turned."""
     robot = tripod(LOW)
     check_assembly(robot, robot.inputs(**MOVED, **GIVEN), tip_rod=0, vary=tuple(MOVED), solvers=("shooting",))
+
+
+def test_columns_by_the_ground_where_a_hand_has_been_moved():
+    """(D10) By the ground, which leaves in the world what moved and turned the hand, and the loads."""
+    robot, direction, step = tripod(LOW), np.array([0.3, -0.5, 0.4, 0.6, 0.8, -0.5]), 1e-2
+    solution = mr.solve(robot, robot.inputs(**MOVED, **GIVEN), solver=SOLVER).raise_if_failed()
+    other = robot.with_base(bases_moved(robot, direction, step))
+    moved = mr.solve(other, other.inputs(**MOVED, **GIVEN), solver=SOLVER, guess=solution).raise_if_failed()
+    expected = pose_rate(solution, moved, step)
+    # rounding of 1e-12 over the step, and its seventh power
+    np.testing.assert_allclose(solution.jacobian("base") @ direction, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_arrays_and_names_say_the_same():

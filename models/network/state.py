@@ -29,7 +29,8 @@ class State:
         self.frames = frames_of(own)
         length = own.length[:, : own.rod_count]
         padded = np.concatenate([x, np.zeros((len(x), 1))], axis=1)
-        self.angles = [length[..., None] * padded[:, own.places[:, at]] for at in own.layout.angles_at]
+        # laid out alike in every batch, and so summed in one order
+        self.angles = [length[..., None] * np.ascontiguousarray(padded[:, own.places[:, at]]) for at in own.layout.angles_at]
         if own.graph.is_driven:  # (24)
             driven = own.graph.driven_angles(self.inputs[..., own.driven_place])
             self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]

@@ -14,7 +14,7 @@ from multirod.models.backbone.derivatives.designs import AROUND, COMPONENTS, car
 from multirod.models.network.elements.elements import TURNING, Elements
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup
 from multirod.models.network.graph import ENDS, Graph
-from multirod.models.network.places import LOADED
+from multirod.models.network.places import FIXED, LOADED
 from multirod.models.network.poses import ground_of
 from multirod.validation import FloatArray
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 POSE = 6
 PARAMETERS = (*COMPONENTS, "base", "joint_pose")
-DEAD = (*LOADED, *ALONG, *ON_RODS)  # loads that are fixed in the world
+DEAD = (*LOADED, *ALONG, *ON_RODS)  # loads that are fixed in the world; so is what moves bodies that are fixed, (34)
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Aim:
         moved = np.full(max(problem.direction_count, 1), -1, dtype=np.int32)
         for columns in self.every:
             if columns.name == "base":
-                directions[:, columns.own] = turned_loads(problem, DEAD)
+                directions[:, columns.own] = turned_loads(problem, (*DEAD, *FIXED) if graph.fixed else DEAD)
             elif columns.name == "joint_pose":
                 moved[columns.own] = np.arange(columns.size)
             elif columns.owned is None:
