@@ -105,6 +105,12 @@ def wire() -> mr.Rod:
     return mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814, precurvature=(14, 5, 0))
 
 
+@pytest.fixture
+def robot(wire: mr.Rod) -> mr.SingleRod:
+    """It alone."""
+    return mr.SingleRod(wire)
+
+
 def rodrigues(vector: np.ndarray) -> np.ndarray:
     """Rotation matrix of a rotation vector."""
     angle = np.linalg.norm(vector)

@@ -10,11 +10,6 @@ INTEGRATOR = mr.RK4(100)
 DESCENT = mr.EnergyDescent(integrator=INTEGRATOR)
 
 
-@pytest.fixture
-def robot(wire):
-    return mr.SingleRod(wire)
-
-
 def snapping():
     """The paper's motion with twice its rod's length: at 2.23 s the equilibrium ends in a fold."""
     rod = mr.Rod(length=0.8, bending_stiffness=0.223349, torsional_stiffness=0.063814, precurvature=(14, 5, 0))

@@ -23,11 +23,6 @@ def refusal(field: str, value: object, allowed: str, error: type[Exception] = Va
     return pytest.raises(error, match=f"^{re.escape(field)} = {re.escape(repr(value))} is not allowed: .*(?:{allowed})")
 
 
-@pytest.fixture
-def robot(wire: mr.Rod) -> mr.SingleRod:
-    return mr.SingleRod(wire)
-
-
 # ---- rods ----
 
 POSITIVE = "> 0|number"

@@ -18,11 +18,6 @@ PRIOR = {"tip_force": mr.Prior(0, sigma=SIGMA)}
 RANDOM_DEPTHS = np.random.default_rng(3).uniform(-1, 1, 500)  # where along a picture's direction something is said to be [m]
 
 
-@pytest.fixture
-def robot(wire):
-    return mr.SingleRod(wire)
-
-
 @pytest.fixture(scope="module")
 def trials():
     """Forces drawn from the prior, and what a noisy sensor says of the pose that each leads to."""

@@ -13,11 +13,6 @@ OF_ESTIMATE = ("misfit", "degrees", "missing", "rejected", "at_limit", "consiste
 OF_CALIBRATION = ("labels", "status", "iterations", "integrations", "misfit", "degrees", "consistent", "failed")
 
 
-@pytest.fixture
-def robot(wire: mr.Rod) -> mr.SingleRod:
-    return mr.SingleRod(wire)
-
-
 def estimated(robot: mr.SingleRod, kind: str) -> mr.Estimate:
     force = np.array([(0.1, -0.2, 0.05), (0.3, 0.1, 0.0), (-0.2, 0.2, 0.1)])
     position, _, _, _ = MeasuredRod(0.4, 0.223349, 0.063814, (14, 5, 0)).seen(force)

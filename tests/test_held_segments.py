@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from held_ways import BENT, GIVEN, HELD, PLACE
 from meant import meant
 from scipy.integrate import simpson, solve_bvp
 from scipy.spatial.transform import Rotation
@@ -12,24 +13,6 @@ from multirod.segments import Cuts
 
 EI, LENGTH = 0.02, 0.4
 STIFF = {"bending_stiffness": 1.0, "torsional_stiffness": 0.8, "axial_stiffness": 1e4, "shear_stiffness": 5e3}
-BENT = mr.Rod(
-    length=0.4, bending_stiffness=(0.2233, 0.3), torsional_stiffness=0.0638, precurvature=(1.0, 0.3, 0.5), linear_density=0.02
-)
-PLACE = np.array([[1.0, 0, 0, 0.05], [0, 1, 0, 0.02], [0, 0, 1, 0.33], [0, 0, 0, 1]])
-HELD = {
-    "clamped": {},
-    "revolute, sliding": {"joint": "revolute", "joint_axis": (0.6, 0, 0.8), "slide": (0, 0.6, 0.8)},
-    "spherical, revolute base": {"joint": "spherical", "base_joint": "revolute", "base_joint_axis": (0, 0.6, 0.8)},
-    "sliding, spherical base": {"slide": (0, 0, 1), "base_joint": "spherical"},
-}
-GIVEN = {
-    "rotation": 0.3,
-    "end_position": (0.02, 0.01, -0.01),
-    "end_rotation": (0.3, -0.2, 0.5),
-    "tip_force": (0.3, 0.2, -0.5),
-    "distributed_force": (0.2, 0.5, -0.1),
-    "gravity": (0, 1, 2.0),
-}
 
 
 @pytest.mark.parametrize("name", HELD)

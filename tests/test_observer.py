@@ -76,11 +76,6 @@ def short_runs(short_rod: experiment.Motion) -> dict[str, mr.History]:
 
 
 @pytest.fixture
-def robot(wire: mr.Rod) -> mr.SingleRod:
-    return mr.SingleRod(wire)
-
-
-@pytest.fixture
 def inputs(robot: mr.SingleRod) -> mr.Inputs:
     return robot.inputs(tip_force=(0.5, 1, 0.3))
 

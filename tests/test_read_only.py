@@ -75,11 +75,6 @@ def column() -> mr.SingleRod:
     return mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=0.02, torsional_stiffness=0.015))
 
 
-@pytest.fixture
-def robot(wire: mr.Rod) -> mr.SingleRod:
-    return mr.SingleRod(wire)
-
-
 @pytest.mark.parametrize("name", HANDED_OUT)
 def test_arrays_that_are_handed_out_are_read_only(robot: mr.SingleRod, name: str) -> None:
     found = dict(arrays_of(HANDED_OUT[name](robot)))

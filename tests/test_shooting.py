@@ -37,11 +37,6 @@ def runs(study: experiment.Motion) -> dict[str, mr.History]:
     }
 
 
-@pytest.fixture
-def robot(wire: mr.Rod) -> mr.SingleRod:
-    return mr.SingleRod(wire)
-
-
 @pytest.fixture(params=[1.0, 2.0], ids=["isotropic", "anisotropic"])
 def column(request: pytest.FixtureRequest) -> mr.SingleRod:
     """A straight upright column that buckles first about x, at ``EULER_LOAD``."""

@@ -20,11 +20,6 @@ FORCE = (0.5, 1.0, 0.3)
 PATIENCE = 60.0  # [s]: a guard against a test that hangs, not a measure
 
 
-@pytest.fixture
-def robot(wire: mr.Rod) -> mr.SingleRod:
-    return mr.SingleRod(wire)
-
-
 class Held(mr.Shooting):
     """Newton that stops in the middle of a solve until it is let go."""
 

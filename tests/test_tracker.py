@@ -26,11 +26,6 @@ FORCE = (0.5, 1.0, 0.3)
 
 
 @pytest.fixture
-def robot(wire: mr.Rod) -> mr.SingleRod:
-    return mr.SingleRod(wire)
-
-
-@pytest.fixture
 def tracker(robot: mr.SingleRod) -> mr.Tracker:
     """Newton at a tip force of ``FORCE``, a rotation of 0.2 and a translation of 0.01."""
     return mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=robot.inputs(rotation=0.2, translation=0.01, tip_force=FORCE))
