@@ -65,6 +65,11 @@ def test_heavy_column(reference_cases):
         np.testing.assert_allclose(found.load_factor, critical, rtol=CLOSE)
         assert found.solution.status is mr.Status.CONVERGED
         assert found.solution.stability is mr.Stability.FOLD
+    pulled, pushed = robot.inputs(distributed_force=(0, 0, 2.0)), robot.inputs(distributed_force=lambda s: (0, 0, -1))
+    (found,) = mr.critical_loads(robot, pushed, start=pulled)  # from 2 to -1 and on
+    np.testing.assert_allclose(3 * found.load_factor - 2, critical, rtol=CLOSE)
+    np.testing.assert_allclose(found.solution.inputs.profiles["distributed_force"](0.3), (0, 0, -critical), rtol=CLOSE)
+    assert found.solution.stability is mr.Stability.FOLD
     sides = critical * np.array([0.9999, 1.0001])
     there = mr.solve(robot, robot.inputs(gravity=np.multiply.outer(sides, (0, 0, -1))), guess=(0.0, 0.0, 0.0))
     assert there.stability.tolist() == [mr.Stability.STABLE, mr.Stability.UNSTABLE]

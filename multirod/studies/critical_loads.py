@@ -298,8 +298,12 @@ def _between(robot: Assembly, begin: Inputs, inputs: Inputs, factor: float) -> I
     """The inputs at a load factor."""
     names = {*begin.given, *inputs.given} - set(inputs.profiles)
     values = {name: getattr(begin, name) + factor * (getattr(inputs, name) - getattr(begin, name)) for name in names}
-    return robot.make_inputs(values | {name: _scaled(profile, factor) for name, profile in inputs.profiles.items()})
+    profiles = {name: _raised(getattr(begin, name), profile, factor) for name, profile in inputs.profiles.items()}
+    return robot.make_inputs(values | profiles)
 
 
-def _scaled(profile: Profile, factor: float) -> Profile:
-    return Profile(profile.ends, factor * profile.coefficients, lambda s: factor * np.asarray(profile.function(s)))
+def _raised(begin: FloatArray, profile: Profile, factor: float) -> Profile:
+    """``begin + factor (profile - begin)``, of a load that is the same everywhere, (3,), to one along the arclength."""
+    rest, coefficients = (1 - factor) * begin, factor * profile.coefficients
+    coefficients[:, 0] += rest
+    return Profile(profile.ends, coefficients, lambda s: rest + factor * np.asarray(profile.function(s)))
