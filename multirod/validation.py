@@ -283,13 +283,13 @@ def _shape_meant(field: str, shape: tuple[int, ...], tail: tuple[int, ...]) -> s
     return f"; {hint}" if hint else ""
 
 
-_PLAIN = {int, float, np.float64}
+PLAIN = {int, float, np.float64}
 
 
 def _hides(value: object) -> bool:
     """Whether there are booleans or masks in a value, which numpy would turn into numbers."""
     if isinstance(value, (list, tuple)):
-        return not _PLAIN.issuperset(map(type, value)) and any(map(_hides, value))
+        return not PLAIN.issuperset(map(type, value)) and any(map(_hides, value))
     return isinstance(value, (bool, np.bool_, np.ma.MaskedArray))
 
 

@@ -116,7 +116,7 @@ class Rod(ReadOnly):
         properties = {key: value for key, value in given.items() if value is not None}
         if sections is not None:
             if properties:
-                raise TypeError(f"Rod takes sections or {', '.join(properties)}, not both")
+                raise TypeError(f"Rod takes sections or {', '.join(properties)}, not both: give each Section its own")
             if not isinstance(sections, (list, tuple)) or not sections or not all(isinstance(s, Section) for s in sections):
                 refuse("Rod.sections", sections, "must be a non-empty list of Section")
             self.sections: tuple[Section, ...] = tuple(sections)
@@ -344,7 +344,8 @@ class Rod(ReadOnly):
 
     def __repr__(self) -> str:
         label = f"{self.name!r}, " if self.name else ""
-        size = f"{float(self.length):g} m" if self.length.ndim == 0 else f"batch {self.batch_shape}"
+        batch = f"batch {self.batch_shape}"
+        size = batch if self.length.ndim else f"{float(self.length):g} m" + f", {batch}" * bool(self.batch_shape)
         made, (first, *others) = f"{len(self.sections)} sections", self.sections
         if not others:
             made = "1 section"
