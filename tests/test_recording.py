@@ -368,6 +368,33 @@ def test_killed_run_leaves_a_readable_recording(name, kept, code, tmp_path):
     assert "StateTimeline" in views_of(path)
 
 
+FULL = """
+import resource, sys
+from pathlib import Path
+import multirod as mr
+
+history = mr.load(sys.argv[1])
+history.save("first.rrd")  # all that it compiles
+target = Path(sys.argv[2])
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # of a file, as of a disk that is full
+try:
+    history.save(target)
+except OSError as error:
+    print(type(error).__name__, target.read_bytes() == b"of before", len(list(target.parent.iterdir())))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no such limit on this system")
+def test_a_recording_that_the_disk_has_no_room_for_is_refused_and_what_was_there_stays(history, tmp_path):
+    """The writer of the SDK waited for ever for its thread, which had ended, and had begun to write over what was there."""
+    target = tmp_path / "full" / "run.rrd"
+    target.parent.mkdir()
+    target.write_bytes(b"of before")
+    history.save(tmp_path / "run.npz")
+    ended = programs.run("-c", FULL, str(tmp_path / "run.npz"), str(target), cwd=tmp_path)
+    assert ended.stdout == "OSError True 1\n", ended.stderr[-2000:]
+
+
 def test_save_refuses_bad_arguments(history, tmp_path):
     file = tmp_path / "run.rrd"
     with pytest.raises(TypeError, match="save takes a History, not Solution"):

@@ -19,7 +19,7 @@ from multirod.recording.background import Sample, WritingThread
 from multirod.recording.coloring import Coloring
 from multirod.recording.process import Unfit, WritingProcess
 from multirod.recording.samples import first_instances
-from multirod.recording.streams import new_stream, send_to_file
+from multirod.recording.streams import new_stream, whole_file
 from multirod.recording.target import Goal, Target
 from multirod.recording.writer import Writer
 from multirod.results.history import History
@@ -87,8 +87,7 @@ def save(
     stream = new_stream()
     writer = Writer([stream], node_count=node_count, instances=count, force_scale=scale, live=False)
     blueprint = writer.prepare(block, other, title, history.description, total, reference_name=other_name, coloring=coloring)
-    send_to_file(stream, file, blueprint)
-    with stream:
+    with whole_file(stream, file, blueprint):
         stream.send_recording_name(title)
         writer.write_static()
         writer.write(block, other, np.arange(len(history.time)))

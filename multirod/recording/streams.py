@@ -2,8 +2,12 @@
 
 import threading
 import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
+
+from multirod.files.whole import written
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -26,8 +30,14 @@ def new_stream(identity: uuid.UUID | None = None) -> "RecordingStream":
     return stream
 
 
-def send_to_file(stream: "RecordingStream", file: Path, blueprint: "Blueprint") -> None:
-    """Have a stream written to a file that begins with a blueprint."""
+@contextmanager
+def whole_file(stream: "RecordingStream", file: Path, blueprint: "Blueprint") -> "Iterator[RecordingStream]":
+    """A stream whose recording, which begins with a blueprint, is written to a file at the end: as a whole or not at all.
+
+    It is gathered in memory. The SDK's own writer of files waits for ever where a disk is full, and has
+    replaced the file by then.
+    """
+    gathered = stream.memory_recording()
     made: list[RecordingStream] = []
     log = blueprint._log_to_stream
 
@@ -35,11 +45,18 @@ def send_to_file(stream: "RecordingStream", file: Path, blueprint: "Blueprint") 
         made.append(own)
         log(own)
 
-    vars(blueprint)["_log_to_stream"] = log_to
-    stream.save(file, default_blueprint=blueprint)
-    del vars(blueprint)["_log_to_stream"]
-    for own in made:  # the stream that the SDK makes of a blueprint holds itself for ever unless it is disconnected
-        own.disconnect()
+    try:
+        vars(blueprint)["_log_to_stream"] = log_to
+        stream.send_blueprint(blueprint, make_active=False)
+        del vars(blueprint)["_log_to_stream"]
+        for own in made:  # the stream that the SDK makes of a blueprint holds itself for ever unless it is disconnected
+            own.disconnect()
+        with stream:
+            yield stream
+        with written(file) as part:
+            part.write_bytes(gathered.drain_as_bytes())
+    finally:
+        stream.disconnect()
 
 
 def _clean_up() -> None:

@@ -82,7 +82,10 @@ class Target:
             run.append(sample)
         self._write_run(run)
         if self._file_stream is not None:
-            self._file_stream.flush()
+            try:
+                self._file_stream.flush()
+            except RuntimeError as error:  # the thread of the SDK has ended
+                raise OSError(f"{self._goal.file} cannot be written, as where a disk is full: {error}") from error
 
     def _write_run(self, samples: Sequence[Sample]) -> None:
         times = np.array([sample.time for sample in samples])

@@ -27,7 +27,7 @@ from multirod.recording.figure import PALETTE
 from multirod.recording.layout import scene_view
 from multirod.recording.recorder import ENDING, _name
 from multirod.recording.stage import Stage
-from multirod.recording.streams import new_stream, send_to_file
+from multirod.recording.streams import new_stream, whole_file
 from multirod.recording.writer import Writer
 from multirod.validation import FloatArray, file_path, refuse
 
@@ -58,8 +58,7 @@ def save_tradeoff(path: str | PathLike[str], table: "Tradeoff", *, name: str | N
     writer = Writer([stream], node_count=51, instances=1, force_scale=None, live=False)
     writer.prepare(reference, None, title, "", 1)
     plot = _Plot(table)
-    send_to_file(stream, file, _blueprint(writer.stage, shown))
-    with stream:
+    with whole_file(stream, file, _blueprint(writer.stage, shown)):
         stream.send_recording_name(title)
         writer.write_static()
         stream.log(
