@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.batch import Instances
+from multirod.batch import Instances, IntArray
 from multirod.codes import Code, Codes
 from multirod.validation import FloatArray
 
@@ -126,6 +126,11 @@ class Modes:
         result = np.where(index < 0, int(Stability.UNKNOWN), result)
         return np.where(self.diverging, int(Stability.UNSTABLE), result).astype(np.int32)
 
+    @property
+    def left(self) -> NDArray[np.bool_]:
+        """Whether a robot would leave the equilibrium, or that cannot be told from one which it would, shape (batch,)."""
+        return np.asarray(np.isin(self.stability, (Stability.UNSTABLE, Stability.FOLD)))
+
 
 class StabilityAnalysis(ABC):
     """What a boundary problem knows of the stability of its equilibria: those at its ``unknowns``, and how they lie.
@@ -182,6 +187,8 @@ class StabilityAnalysis(ABC):
         return np.asarray(self.modes().stability == Stability.UNSTABLE)
 
 
-def modes_of(problem: "BoundaryProblem") -> Modes:
-    """Those at ``unknowns``; unknown where the problem has no stability to offer."""
+def modes_of(problem: "BoundaryProblem", rows: IntArray | None = None) -> Modes:
+    """Those at ``unknowns``, of all instances or of some; unknown where the problem has no stability to offer."""
+    if rows is not None and len(rows) < problem.instance_count:
+        return modes_of(problem).take(rows) if problem.parts is None else modes_of(problem.parts.of(rows))
     return Modes.unknown(problem.instance_count) if problem.stability is None else problem.stability.modes()

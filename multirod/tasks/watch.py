@@ -10,7 +10,7 @@ from scipy.linalg.lapack import dgetrf, dgetri
 
 from multirod.batch import IntArray
 from multirod.kernels.shared import Shared
-from multirod.stability import Stability, modes_of
+from multirod.stability import modes_of
 from multirod.tasks.formulation import Task
 from multirod.tasks.watch_kernels import ELSE_COMPARE, SURE, UNTOLD, Watched
 from multirod.validation import FloatArray
@@ -112,9 +112,7 @@ class Watch:
         others = self._problem.read("inputs")
         others[:, self._task.places] = 0.0
         for row, own in zip(rows.tolist(), gamma, strict=True):
-            gone = place.values[row] - self._anchored[row]
-            tells = np.abs(gone).max() > LEAST_GONE and (others[row] == self._others[row]).all()
-            self._due.append((row, gone if tells else None, own - anchor.values[row]))
+            self._due.append((row, self._gone(row, place.values[row], others[row]), own - anchor.values[row]))
             self._anchored[row], self._others[row] = place.values[row], others[row]
             anchor.values[row], inverse.values[row] = own, np.nan
             if not np.isfinite(own).all():
@@ -128,25 +126,40 @@ class Watch:
         for each in (anchor, inverse, scale, compared):
             each.send()
 
+    def _gone(self, row: int, place: FloatArray, others: FloatArray) -> FloatArray | None:
+        """The way of an instance from where ``Gamma_0`` was found to ``place`` (k,), in units (9), if it tells how that varies:
+        it is no short one, and what is not free is the same."""
+        gone = np.asarray(place - self._anchored[row])
+        # NaN is neither: no way led here
+        return gone if np.abs(gone).max() > LEAST_GONE and (others == self._others[row]).all() else None
+
     def catch_up(self) -> None:
         """(17c), (17d) How ``Gamma`` varies where instances were kept: before the next sample, lest one bears all of the work."""
         if not self._due:
             return
-        inverse, scale, growth, least = (self._shared[name] for name in ("inverse", "scale", "growth", "least"))
         for row, gone, change in self._due:
-            slopes = self._slopes[row]
-            if gone is not None:  # (17d): they are right along the way that was gone
-                left = change - np.tensordot(gone, slopes, 1)
-                slopes += np.multiply.outer(gone / (gone @ gone), left)
-            back = inverse.values[row]
-            if not np.isfinite(back[0, 0]):
-                continue
-            off = back.T @ slopes
-            off *= scale.values[row]
-            self._grow(row, off)
+            for _ in self._varied(row, gone, change, self._shared["inverse"].values[row]):
+                pass
         self._due.clear()
-        growth.send()
-        least.send()
+        for name in ("growth", "least"):
+            self._shared[name].send()
+
+    def _varied(self, row: int, gone: FloatArray | None, change: FloatArray, inverse: FloatArray) -> Iterator[None]:
+        """Pieces of the work after which the slopes of an instance are right along the way ``gone``, on which ``Gamma_0`` changed
+        by ``change`` (n, n), (17d), and ``Q`` is theirs, (17c), if ``inverse``, as ``Watched`` has it, is known."""
+        slopes, scale = self._slopes[row], self._shared["scale"].values[row]
+        left = None if gone is None else change - np.tensordot(gone, slopes, 1)
+        yield
+        off, step = np.empty_like(slopes), AT_ONCE if len(change) > LARGE else len(slopes)
+        for first in range(0, len(slopes), step):
+            own = slice(first, first + step)
+            if gone is not None and left is not None:
+                slopes[own] += np.multiply.outer(gone[own] / (gone @ gone), left)
+            np.matmul(inverse.T, slopes[own], out=off[own])
+            off[own] *= scale
+            yield
+        if np.isfinite(inverse[0, 0]):
+            self._grow(row, off)
 
     def renew(self) -> None:
         """The only instance is stable at the last integration's ``Gamma``: from some samples on it is what others are compared
@@ -171,7 +184,6 @@ class Watch:
 
     def _renewed(self, gamma: FloatArray, place: FloatArray, others: FloatArray) -> Iterator[None]:
         """(17c), (17d) Pieces of a renewal; after them ``gamma`` (n, n) at what is free (k,) is ``Gamma_0``."""
-        anchor, inverse, scale = (self._shared[name] for name in ("anchor", "inverse", "scale"))
         if not np.isfinite(gamma).all():
             return
         factors, pivots, failed = dgetrf(gamma.T)
@@ -181,21 +193,10 @@ class Watch:
         transposed, failed = dgetri(factors, pivots, overwrite_lu=1)
         if failed:
             return
-        back = np.asarray(transposed) / scale.values[0]
+        anchor, inverse = self._shared["anchor"], self._shared["inverse"]
+        back = np.asarray(transposed) / self._shared["scale"].values[0]
         yield
-        gone, slopes = place - self._anchored[0], self._slopes[0]
-        tells = np.abs(gone).max() > LEAST_GONE and (others == self._others[0]).all()  # NaN is not: no way led here
-        left = gamma - anchor.values[0] - np.tensordot(gone, slopes, 1) if tells else None
-        yield
-        off, step = np.empty_like(slopes), AT_ONCE if len(gamma) > LARGE else len(slopes)
-        for first in range(0, len(slopes), step):
-            own = slice(first, first + step)
-            if left is not None:
-                slopes[own] += np.multiply.outer(gone[own] / (gone @ gone), left)
-            np.matmul(back.T, slopes[own], out=off[own])
-            off[own] *= scale.values[0]
-            yield
-        self._grow(0, off)
+        yield from self._varied(0, self._gone(0, place, others), gamma - anchor.values[0], back)
         anchor.values[0], inverse.values[0] = gamma, back
         self._anchored[0], self._others[0] = place, others
         for name in ("anchor", "inverse", "growth", "least"):
@@ -225,13 +226,9 @@ class Watch:
         problem = self._problem
         if problem.stability is None:
             return np.zeros(len(rows), dtype=bool)
-        whole = len(rows) == problem.instance_count
-        if whole and problem.stability.surely_stable():
+        if len(rows) == problem.instance_count and problem.stability.surely_stable():
             return np.zeros(len(rows), dtype=bool)
-        part = None if whole else problem.parts
-        modes = modes_of(problem) if part is None else modes_of(part.of(rows))
-        stability = modes.stability if whole or part is not None else modes.take(rows).stability
-        return np.asarray(np.isin(stability, (Stability.UNSTABLE, Stability.FOLD)))
+        return modes_of(problem, rows).left
 
 
 def _inverse(matrix: FloatArray) -> FloatArray | None:

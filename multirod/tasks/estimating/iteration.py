@@ -12,7 +12,7 @@ from multirod.batch import IntArray
 from multirod.inputs import Inputs
 from multirod.running.simulation import unknowns_of_guess
 from multirod.solver import Outcome, Solver, refuse_unfit
-from multirod.stability import Stability, modes_of
+from multirod.stability import modes_of
 from multirod.status import Status, failures
 from multirod.tasks.estimating.bounded import Bounds
 from multirod.tasks.estimating.inference import damping, deviations, posterior, roots, units
@@ -110,8 +110,7 @@ class Part:
         problem = self.task.problem
         doubtful = found & ~(problem.mode_bounds()[:, 0] < 1)
         if doubtful.any():
-            unstable = np.isin(modes_of(problem).stability, (Stability.UNSTABLE, Stability.FOLD))
-            self.outcome.status[doubtful & unstable] = Status.UNSTABLE
+            self.outcome.status[doubtful & modes_of(problem).left] = Status.UNSTABLE
         refuse_unfit(problem, self.outcome)
 
     def _start(self) -> NDArray[np.bool_]:

@@ -3,8 +3,7 @@
 import numpy as np
 
 from multirod.batch import IntArray
-from multirod.problem import FEW
-from multirod.stability import Modes, Stability, modes_of
+from multirod.stability import Modes, modes_of
 from multirod.status import Status
 from multirod.tasks.controlling.shape_limits import largest_bending
 from multirod.tasks.formulation import Task
@@ -186,12 +185,8 @@ class Search:
 
     def modes(self, rows: IntArray) -> Modes:
         """Of the equilibria at ``last``."""
-        problem, part = self.task.problem, self.task.problem.parts
         self.task.write(self.last.x, self.last.p)
-        if part is not None and len(rows) < problem.instance_count:
-            return modes_of(part.of(rows))
-        found = modes_of(problem)
-        return found if len(rows) == problem.instance_count else found.take(rows)
+        return modes_of(self.task.problem, rows)
 
     def margin(self, rows: IntArray) -> FloatArray:
         """Stability margins of the equilibria at ``last``, NaN where not known, shape (len(rows),)."""
@@ -226,8 +221,7 @@ class Search:
             return np.zeros(0, dtype=bool)
         if not asked and len(rows) == len(self.status) and self._surely_stable():
             return np.zeros(len(rows), dtype=bool)
-        stability = self.modes(rows).stability
-        return np.asarray((stability == Stability.UNSTABLE) | (stability == Stability.FOLD))
+        return self.modes(rows).left
 
     def _surely_stable(self) -> bool:
         """Whether the equilibria at ``last`` are all stable, and that is told at once."""
@@ -240,10 +234,7 @@ class Search:
     @property
     def all_reached(self) -> bool:
         """Whether all instances are at their targets."""
-        count = len(self.status)
-        if count <= FEW:  # of which NumPy takes longer
-            return bool(self.status.tolist().count(REACHED) == count)
-        return bool(np.count_nonzero(self.status == REACHED) == count)
+        return bool(np.count_nonzero(self.status == REACHED) == len(self.status))
 
     def tried(self, chosen: BoolArray) -> None:
         """Drive the instances chosen from where they begin now, at once or not at all.
