@@ -138,10 +138,18 @@ class Assembly(ReadOnly, ABC):
         return broadcast_shapes(*(rod.batch_shape for rod in self.rods))
 
     def inputs(self, **values: object) -> Inputs:
-        """Check and broadcast inputs by name; what is not named is zero.
+        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
+
+        What is not named is zero. A leading axis makes a batch, an instance for each entry.
+
+        Args:
+            **values: By the names of ``input_specs``.
+
+        Returns:
+            The inputs, checked, as ``solve`` and ``simulate`` take them.
 
         Raises:
-            TypeError: If a name is not one of ``input_specs``.
+            TypeError: If a name is not one of these, or no rod has such lines.
             ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
 
         Warns:
@@ -155,7 +163,7 @@ class Assembly(ReadOnly, ABC):
         """``inputs(**values)``, of values that nobody gave: nothing is said of how plausible they are."""
         from multirod.models.backbone.inputs import DRIVES
 
-        for name in values.keys() & DRIVES.keys():
+        for name in values.keys() & DRIVES:
             if all(spec.name != name for spec in self.input_specs):
                 refuse(name, values[name], "must not be given: no rod has a line that is driven by it")
         needs_length = any(callable(value) for value in values.values())

@@ -69,21 +69,7 @@ class ConcentricTubes(BackboneAssembly):
         _input_name: ConcentricTubesInput
 
     @listed(*TUBE_INPUTS, *DRIVE_INPUTS)
-    def inputs(self, **values: Unpack[ConcentricTubesInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
-        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
-
-        What is not named is zero. A leading axis makes a batch, an instance for each entry.
-
-        Args:
-            **values: Those of ``ConcentricTubesInputs``.
-
-        Returns:
-            The inputs, checked, as ``solve`` and ``simulate`` take them.
-
-        Raises:
-            TypeError: If a name is not one of these.
-            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
-        """
+    def inputs(self, **values: Unpack[ConcentricTubesInputs]) -> Inputs:  # type: ignore[override]  # noqa: D102  (as ``listed`` says)
         return super().inputs(**ConcentricTubesInputs(**values))
 
     @property

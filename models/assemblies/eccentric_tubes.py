@@ -69,21 +69,7 @@ class EccentricTubes(BackboneAssembly):
         _input_name: EccentricTubesInput
 
     @listed(*INPUTS)
-    def inputs(self, **values: Unpack[EccentricTubesInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
-        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
-
-        What is not named is zero. A leading axis makes a batch, an instance for each entry.
-
-        Args:
-            **values: Those of ``EccentricTubesInputs``.
-
-        Returns:
-            The inputs, checked, as ``solve`` and ``simulate`` take them.
-
-        Raises:
-            TypeError: If a name is not one of these.
-            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
-        """
+    def inputs(self, **values: Unpack[EccentricTubesInputs]) -> Inputs:  # type: ignore[override]  # noqa: D102  (as ``listed`` says)
         return super().inputs(**EccentricTubesInputs(**values))
 
     @property

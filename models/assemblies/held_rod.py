@@ -121,21 +121,7 @@ class HeldRod(Assembly):
         _input_name: HeldRodInput
 
     @listed(*INPUTS, *DRIVE_INPUTS)
-    def inputs(self, **values: Unpack[HeldRodInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
-        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
-
-        What is not named is zero. A leading axis makes a batch, an instance for each entry.
-
-        Args:
-            **values: Those of ``HeldRodInputs``.
-
-        Returns:
-            The inputs, checked, as ``solve`` and ``simulate`` take them.
-
-        Raises:
-            TypeError: If a name is not one of these, or no rod has such lines.
-            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
-        """
+    def inputs(self, **values: Unpack[HeldRodInputs]) -> Inputs:  # type: ignore[override]  # noqa: D102  (as ``listed`` says)
         result = super().inputs(**HeldRodInputs(**values))
         if self._turns_back:
             plausibility.of_idle_rotation(result.rotation, self.base_joint)

@@ -10,6 +10,7 @@ from inspect import Parameter, Signature, cleandoc
 from re import sub
 from typing import Any, Literal, TypeAlias, TypedDict, TypeVar, dataclass_transform
 
+from multirod.assembly import Assembly
 from multirod.inputs import InputSpec
 from multirod.types import AlongRod, Numbers
 
@@ -258,11 +259,12 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 def listed(*specs: InputSpec) -> Callable[[Method], Method]:
-    """Have ``help`` and notebooks, which see no types, show the inputs of a robot's ``inputs(**values)`` one by one."""
+    """Have ``help`` and notebooks, which see no types, show the inputs of a robot's ``inputs(**values)`` one by one; where it
+    says nothing of itself, what ``Assembly.inputs`` says stands."""
 
     def show(method: Method) -> Method:
         lines = "\n".join(f"    {spec.name}: {_described(spec)}" for spec in specs)
-        method.__doc__ = sub(r"    \*\*values: .*", lines, cleandoc(method.__doc__ or ""), count=1)
+        method.__doc__ = sub(r"    \*\*values: .*", lines, cleandoc(method.__doc__ or Assembly.inputs.__doc__ or ""), count=1)
         values = [Parameter(spec.name, Parameter.KEYWORD_ONLY, default=_default(spec)) for spec in specs]
         method.__signature__ = Signature(  # type: ignore[attr-defined]
             [Parameter("self", Parameter.POSITIONAL_OR_KEYWORD), *values], return_annotation="Inputs"

@@ -71,21 +71,7 @@ class InverseParallelRods(Assembly):
         _input_name: InverseParallelRodsInput
 
     @listed(*POSE_INPUTS, *INPUTS, *DRIVE_INPUTS)
-    def inputs(self, **values: Unpack[InverseParallelRodsInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
-        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
-
-        What is not named is zero. A leading axis makes a batch, an instance for each entry.
-
-        Args:
-            **values: Those of ``InverseParallelRodsInputs``.
-
-        Returns:
-            The inputs, checked, as ``solve`` and ``simulate`` take them.
-
-        Raises:
-            TypeError: If a name is not one of these, or no rod has such lines.
-            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
-        """
+    def inputs(self, **values: Unpack[InverseParallelRodsInputs]) -> Inputs:  # type: ignore[override]  # noqa: D102  (as ``listed`` says)
         return super().inputs(**InverseParallelRodsInputs(**values))
 
     @property

@@ -10,6 +10,7 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
+from multirod.models.backbone.inputs import BACKBONE_INPUTS
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.network.elements.groups import ON_RODS
 from multirod.models.network.graph import Graph
@@ -22,52 +23,31 @@ from multirod.rod import Rod
 from multirod.validation import FloatArray, array, refuse
 
 INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
+OF_ONE = {spec.name: spec for spec in BACKBONE_INPUTS}  # rod, by name
 LOAD_INPUTS = (
-    InputSpec(
+    replace(
+        OF_ONE["tip_force"],
         name="force",
-        unit="N",
-        acts="tip",
-        load="force",
-        potential=True,
         description="dead force on each body, at its origin, on each free tip and on each frame of a body, world frame",
     ),
-    InputSpec(name="moment", unit="N m", acts="tip", load="moment", description="dead moment on the same, world frame"),
-    InputSpec(
-        name="follower_force",
-        unit="N",
-        acts="tip",
-        load="force",
-        follows=True,
+    replace(OF_ONE["tip_moment"], name="moment", description="dead moment on the same, world frame"),
+    replace(
+        OF_ONE["follower_force"],
+        dead_twin="",
         description="force on each body, at its origin, on each free tip and on each frame of a body, fixed in its frame",
     ),
-    InputSpec(
-        name="follower_moment",
-        unit="N m",
-        acts="tip",
-        load="moment",
-        follows=True,
-        description="moment on the same, fixed in its frame",
-    ),
+    replace(OF_ONE["follower_moment"], description="moment on the same, fixed in its frame"),
 )
 ON_PLACES = (*LOADED, *FOLLOWING)
-ROD_INPUTS = (
-    InputSpec(
-        name="rod_force",
-        unit="N/m",
-        acts="along",
-        load="force",
-        potential=True,
+ROD_INPUTS = tuple(
+    replace(
+        OF_ONE[f"distributed_{load}"],
+        name=f"rod_{load}",
+        function=False,
         count=0,
-        description="dead force per length of each rod, beside distributed_force, world frame",
-    ),
-    InputSpec(
-        name="rod_moment",
-        unit="N",
-        acts="along",
-        load="moment",
-        count=0,
-        description="dead moment per length of each rod, beside distributed_moment, world frame",
-    ),
+        description=f"dead {load} per length of each rod, beside distributed_{load}, world frame",
+    )
+    for load in ("force", "moment")
 )
 FIXED_INPUTS = (
     InputSpec(

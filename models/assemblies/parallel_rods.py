@@ -120,21 +120,7 @@ class ParallelRods(Assembly):
         _input_name: ParallelRodsInput
 
     @listed(*INPUTS, *DRIVE_INPUTS)
-    def inputs(self, **values: Unpack[ParallelRodsInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
-        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
-
-        What is not named is zero. A leading axis makes a batch, an instance for each entry.
-
-        Args:
-            **values: Those of ``ParallelRodsInputs``.
-
-        Returns:
-            The inputs, checked, as ``solve`` and ``simulate`` take them.
-
-        Raises:
-            TypeError: If a name is not one of these, or no rod has such lines.
-            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
-        """
+    def inputs(self, **values: Unpack[ParallelRodsInputs]) -> Inputs:  # type: ignore[override]  # noqa: D102  (as ``listed`` says)
         return super().inputs(**ParallelRodsInputs(**values))
 
     @property

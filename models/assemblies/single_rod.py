@@ -51,21 +51,7 @@ class SingleRod(BackboneAssembly):
         _input_name: SingleRodInput
 
     @listed(*BACKBONE_INPUTS, *DRIVE_INPUTS, TIP_CURVATURE)
-    def inputs(self, **values: Unpack[SingleRodInputs]) -> Inputs:  # type: ignore[override]  # these, and no others
-        """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
-
-        What is not named is zero. A leading axis makes a batch, an instance for each entry.
-
-        Args:
-            **values: Those of ``SingleRodInputs``.
-
-        Returns:
-            The inputs, checked, as ``solve`` and ``simulate`` take them.
-
-        Raises:
-            TypeError: If a name is not one of these, or no rod has such lines.
-            ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
-        """
+    def inputs(self, **values: Unpack[SingleRodInputs]) -> Inputs:  # type: ignore[override]  # noqa: D102  (as ``listed`` says)
         return super().inputs(**SingleRodInputs(**values))
 
     @property

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from multirod.inputs import InputSpec
 
@@ -81,28 +81,32 @@ _BEHIND = "where each tube starts: at the plate, 0, or behind it, negative"
 TUBE_INPUTS = tuple(replace(spec, description=_BEHIND) if spec.name == "translation" else spec for spec in BACKBONE_INPUTS)
 CALLED = {"force": "tip_force", "moment": "tip_moment"}  # what robots of several load places call these where there is one
 NOT_TAKEN = ("rod_force", "rod_moment")  # beside what acts on all rods alike, of which a backbone has but one
-DRIVES: dict[str, dict[str, Any]] = {
-    "tension": {
-        "unit": "N",
-        "load": "force",
-        "potential": True,
-        "description": "of each line that is driven by it, in their order, >= 0",
-    },
-    "pressure": {
-        "unit": "Pa",
-        "load": "force",
-        "on": "area",
-        "potential": True,
-        "description": "in each chamber, in their order",
-    },
-    "displacement": {
-        "unit": "m",
-        "description": "how far each line that is driven by it is pulled out of the base, in their order",
-    },
-}  # inputs that drive lines, where there are such lines
-
-
-DRIVE_INPUTS = tuple(InputSpec(name=name, acts="lines", **meaning) for name, meaning in DRIVES.items())
+DRIVE_INPUTS = (
+    InputSpec(
+        name="tension",
+        unit="N",
+        acts="lines",
+        load="force",
+        potential=True,
+        description="of each line that is driven by it, in their order, >= 0",
+    ),
+    InputSpec(
+        name="pressure",
+        unit="Pa",
+        acts="lines",
+        load="force",
+        on="area",
+        potential=True,
+        description="in each chamber, in their order",
+    ),
+    InputSpec(
+        name="displacement",
+        unit="m",
+        acts="lines",
+        description="how far each line that is driven by it is pulled out of the base, in their order",
+    ),
+)  # where there are such lines
+DRIVES = tuple(spec.name for spec in DRIVE_INPUTS)
 
 
 def drive_specs(rods: "Sequence[Rod]") -> tuple[InputSpec, ...]:
