@@ -24,10 +24,11 @@ class _Solved(torch.autograd.Function):  # type: ignore[misc]  # of a package th
         live = [k for k, needed in enumerate(ctx.needs_input_grad[2:]) if needed]
         columns = own.columns(solution, absent, [names[k] for k in live]) if live else []
         ctx.live, ctx.output = live, own.output
-        like = tensors[0]
-        ctx.save_for_backward(*(torch.as_tensor(column).to(like) for column in columns))
+        first = tensors[0]
+        like = {"device": first.device, "dtype": first.dtype if first.is_floating_point() else torch.float64}
+        ctx.save_for_backward(*(torch.as_tensor(column).to(**like) for column in columns))
         ctx.status = own.status(solution, absent)
-        return torch.as_tensor(np.ascontiguousarray(own.value(solution, absent))).to(like)
+        return torch.as_tensor(np.ascontiguousarray(own.value(solution, absent))).to(**like)
 
     @staticmethod
     def backward(ctx: Any, grad: Any) -> Any:
@@ -45,9 +46,9 @@ class Layer(torch.nn.Module):  # type: ignore[misc]
     """A robot's end effector at equilibrium as a layer: ``layer(rotation=..., precurvature=...)``, tensors by name.
 
     It takes what ``multirod.jax.Function`` does, with leading axes that broadcast, and has no weights of its own. All is computed
-    in double precision on the processor; the result is of the type and device of the first tensor. An instance that has no result
-    is NaN, and so are its derivatives; ``status`` says why. Where a loss leaves it out, by a mask or an index, it adds nothing to
-    the gradient by what the others share.
+    in double precision on the processor; the result is of the type and device of the first tensor, of an integer's in double
+    precision. An instance that has no result is NaN, and so are its derivatives; ``status`` says why. Where a loss leaves it out,
+    by a mask or an index, it adds nothing to the gradient by what the others share.
 
     Args:
         robot: One robot.

@@ -33,6 +33,14 @@ def test_the_layer_is_what_solve_says(robot):
         np.testing.assert_allclose(row, expected.jacobian("tip_force")[k], rtol=0, atol=1e-9)
 
 
+def test_what_follows_from_integers_is_none(robot):
+    layer = mr.torch.Layer(robot)
+    for whole in (1, torch.tensor(1)):
+        found = layer(rotation=whole, tip_force=tensor(FORCE))
+        assert found.dtype == torch.float64
+        assert torch.equal(found, layer(rotation=tensor(1.0), tip_force=tensor(FORCE)))
+
+
 @pytest.mark.parametrize("of", ["tip_position", "tip_pose"])
 def test_gradcheck_passes_with_an_instance_that_fails(robot, of):
     """The others are bitwise what they are alone, and so are their gradients."""

@@ -188,6 +188,8 @@ BAD = [
     ("tip_force", (1, 0, 0, 0), "shape"),
     ("tip_force", (np.nan, 0, 0), "finite"),
     ("tip_force", (np.inf, -np.inf, 0), "finite"),
+    ("tip_force", (1e60, 0, 0), r"at most 1e\+50"),
+    ("tip_force", np.array([0, 1e60, 0]), r"at most 1e\+50"),
     ("tip_force", np.array([0, np.inf, 0]), "finite"),
     ("tip_force", ("1", "0", "0"), "shape|numeric"),
     ("tip_force", "100", "shape|numeric"),

@@ -8,14 +8,14 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
+from multirod.validation import LARGEST
 
 PLAIN = {float, int, np.float64}
 WHOLE = (np.dtype(np.float64), np.dtype(np.int64))  # whose numbers are plain
-LARGEST = 1e300  # an integer may be larger than any float
 
 
 def plain_numbers(values: Sequence[Any]) -> bool:
-    """Whether these surely are numbers that may be: none NaN, infinite or out of range."""
+    """Whether these surely are numbers that may be: none NaN, infinite or out of range, as ``validation.array`` has it."""
     for value in values:  # noqa: SIM110  (in half of the time of ``all``)
         if type(value) not in PLAIN or not -LARGEST < value < LARGEST:
             return False

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.rotations import ORTHOGONAL
-from multirod.running.plain import LARGEST, plain_numbers
+from multirod.running.plain import plain_numbers
+from multirod.validation import LARGEST
 
 TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
 Plain = NDArray[np.float64] | tuple[float, float, float] | list[float]
