@@ -378,6 +378,13 @@ def test_a_model_with_less_is_measured_against_the_full_one():
         measure(solvers, models={"tubes": (tubes.robot, tubes.inputs)})
 
 
+def test_a_robot_that_stands_still_is_measured():
+    for inputs in (STUDY.inputs[0], STUDY.inputs[:1]):  # with an axis of one sample, too, as ``simulate`` takes it
+        result = mr.tradeoff(STUDY.robot, inputs, time=STUDY.time, solvers=SOLVERS, budget=1e4, settle=0.0, progress=False)
+        assert not result.skipped
+        assert len(result.rows) == len(SOLVERS)
+
+
 def test_batches_are_refused():
     inputs = STUDY.robot.inputs(tip_force=np.ones((101, 2, 3)))
     with pytest.raises(ValueError, match=r"inputs = leading axes \(101, 2\) is not allowed: there must be one, time"):

@@ -228,7 +228,7 @@ class Measurement:
         """The first samples; None where they take longer than that."""
         count = min(count, len(self._time))
         inputs = setting.inputs
-        if inputs.batch_shape:
+        if inputs.batch_shape not in ((), (1,)):
             # not inputs[:count]: what is zero in the first samples only must be compiled in as for all
             inputs = inputs.take(inputs.batch_shape, np.arange(count))
         solver = Limited(setting.solver, seconds)
