@@ -307,6 +307,30 @@ def test_a_force_begins_on_a_round_rod_from_a_ball_to_a_clamp():
     np.testing.assert_allclose(along, 1, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize(("base_joint", "joint"), [("clamped", "clamped"), ("spherical", "clamped"), ("clamped", "spherical")])
+def test_forces_of_any_size_tell_in_which_plane_a_round_rod_bends(base_joint, joint):
+    """(31) On the axis of its base, pushed together: under 1e-3 EI/L^3 and less it was lost after 4,000 integrations and more."""
+    end = np.eye(4)
+    end[2, 3] = 0.9 * LENGTH
+    robot = mr.HeldRod(mr.Rod(**KIND, **SOME["round"]), end=end, base_joint=base_joint, joint=joint)
+    sizes = 10.0 ** -np.arange(0, 8)
+    for across in ((0.6, 0.8, 0), (-0.6, 0.8, 0.5), (0, -1, 0)):
+        forces = sizes[:, None] * np.array(across) * EI / LENGTH**3
+        found = mr.solve(robot, robot.inputs(distributed_force=forces)).raise_if_failed()
+        assert (found.status == mr.Status.CONVERGED).all()
+        assert (found.integrations < 60).all()
+        middle = found.rod(0, nodes=3).position[:, 1, :2]
+        # 1e-7 of the load turns it by residuals of 1e-9 1/m over what holds it
+        off = middle @ [-across[1], across[0]] / np.linalg.norm(middle, axis=1)
+        np.testing.assert_allclose(off[:-2], 0, rtol=0, atol=1e-4)
+        assert (middle @ across[:2] > 0.1 * LENGTH).all()
+        energies = found.potential
+        twin = mr.solve(robot, robot.inputs(distributed_force=-forces), guess=found.unknowns).potential
+        assert (twin[:4] > energies[:4]).all()
+    strong = robot.inputs(distributed_force=np.array([30.0, 40.0, 0]) * EI / LENGTH**3)
+    assert mr.solve(robot, strong).raise_if_failed().stability is mr.Stability.STABLE
+
+
 @pytest.mark.parametrize("kind", SOME)
 def test_instances_under_forces_leave_those_without_as_they_are_alone(kind):
     """A round rod beside one under its weight was not held against its spin."""

@@ -31,12 +31,20 @@ SMALL = 1e-4  # square of an angle under which quotients are series
 
 
 def alike(problem: "HeldProblem") -> NDArray[np.bool_]:
-    """(10) Whether nothing of the rod tells directions across its axis apart, shape (instance_count,)."""
-    features, slide = problem.rod.features, problem.holders.slide
-    told = problem.turns or problem.holders.joint == REVOLUTE or features.distributed_force or features.distributed_moment
-    if told or (slide is not None and abs(slide[2]) < 1 - ON_AXIS):
+    """(10) Whether nothing but what acts along the rod tells directions across its axis apart, shape (instance_count,)."""
+    if (
+        problem.turns
+        or problem.holders.joint == REVOLUTE
+        or not _slides_along(problem)
+        or problem.rod.features.profile_degree >= 0
+    ):
         return np.zeros(problem.instance_count, dtype=bool)
     return round_about_itself(problem)
+
+
+def _slides_along(problem: "HeldProblem") -> bool:
+    """Whether the end slides along the axis of a rod that is straight, if it does."""
+    return problem.holders.slide is None or abs(problem.holders.slide[2]) >= 1 - ON_AXIS
 
 
 def round_about_itself(problem: "HeldProblem") -> NDArray[np.bool_]:
@@ -52,7 +60,7 @@ def round_about_itself(problem: "HeldProblem") -> NDArray[np.bool_]:
 
 
 def in_balls(problem: "HeldProblem") -> NDArray[np.intp]:
-    """(24), (28) Which turns of a rod with its base in a ball cost nothing where no load acts, as ``kernels.arguments`` numbers
+    """(28) Which turns of a rod with its base in a ball cost nothing where no load acts, as ``kernels.arguments`` numbers
     them, 0 where none does, shape (instance_count,)."""
     holders, features = problem.holders, problem.rod.features
     if holders.base_joint != SPHERICAL or features.loads or features.profile_degree >= 0:
@@ -60,25 +68,19 @@ def in_balls(problem: "HeldProblem") -> NDArray[np.intp]:
     same = round_about_itself(problem)
     if holders.joint == SPHERICAL:
         return np.where(same, ROUND_IN_BALLS, IN_BALLS)
-    on_axis = holders.slide is None or abs(holders.slide[2]) >= 1 - ON_AXIS
-    return np.where(same & on_axis & (holders.joint == CLAMPED), BALL_AND_CLAMP, 0)
+    return np.where(same & _slides_along(problem) & (holders.joint == CLAMPED), BALL_AND_CLAMP, 0)
 
 
 def free_in_balls(problem: "HeldProblem") -> IntArray:
-    """(24), (28) The same at the inputs."""
+    """(28) The same at the inputs."""
     kinds = problem.table.balls.numpy()
     if not kinds.any():
         return np.asarray(kinds)
-    away, frame = problem.goal()
-    away = away - problem.rod.table.base_position.numpy()
-    axis = problem.base_frame[:, :, 2]
-    off = [np.linalg.norm(cross(axis, own), axis=1) for own in (away / problem.length[:, None], frame[:, :, 2])]
-    on_axis = np.max(off, axis=0) < ON_AXIS
     bare = ~acting(problem)[:, 1:].any(axis=1)  # a moment on an end that is clamped does no work
     without_moments, free = between_balls(problem)
     spins = np.where(kinds == ROUND_IN_BALLS, SPINS, 0)
     turned = np.where(without_moments, np.where(free, kinds, spins), 0)
-    return np.asarray(np.where(kinds == BALL_AND_CLAMP, np.where(bare & on_axis, kinds, 0), turned))
+    return np.asarray(np.where(kinds == BALL_AND_CLAMP, np.where(bare & _on_axis(problem), kinds, 0), turned))
 
 
 def least_loads(problem: "HeldProblem") -> FloatArray:
@@ -129,6 +131,26 @@ def _mass(problem: "HeldProblem") -> FloatArray:
     return np.asarray(problem.rod.each((parts * arrays.material[:, 0, :, 9]).sum(axis=1)))
 
 
+def _on_axis(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """(10) Whether the end is to be held on the axis of the base and along it, shape (instance_count,)."""
+    away, frame = problem.goal()
+    away = away - problem.rod.table.base_position.numpy()
+    axis = problem.base_frame[:, :, 2]
+    off = [np.linalg.norm(cross(axis, own), axis=1) for own in (away / problem.length[:, None], frame[:, :, 2])]
+    return np.asarray(np.max(off, axis=0) < ON_AXIS)
+
+
+def drawn_aside(problem: "HeldProblem") -> FloatArray:
+    """(31) Forces across the axis of the base that alone tell in which plane a round rod bends, in the frame of the base, in
+    ``EI/L^2``, shape (instance_count, 3): zero where moments act, or something else tells."""
+    moment, pushed, torque, heavy, field = acting(problem).T
+    round_one = (problem.alike | (problem.table.balls.numpy() == BALL_AND_CLAMP)) & _on_axis(problem)
+    told = torque | field | (moment & (problem.holders.joint != CLAMPED))
+    force = np.einsum("bji,bj->bi", problem.base_frame, force_along(problem)) * [1.0, 1.0, 0.0]
+    chosen = round_one & ~told & (pushed | heavy)
+    return np.asarray(np.where(chosen[:, None], force * (problem.length**2 / problem.stiffness)[:, None], 0.0))
+
+
 def turned_to(axis: FloatArray, other: FloatArray) -> FloatArray:
     """The least rotations (count, 3, 3) that lead unit vectors (count, 3) to others; by half a turn about any axis across."""
     about, cosine = cross(axis, other), (axis * other).sum(axis=1)
@@ -142,10 +164,10 @@ def turned_to(axis: FloatArray, other: FloatArray) -> FloatArray:
 
 def hold_base(problem: "HeldProblem", turn: FloatArray, axis: FloatArray, chosen: NDArray[np.bool_]) -> None:
     """(29) Hold the bases of the ``chosen`` along the ways in which they turn where they are turned by ``turn``, the line between
-    the balls being along ``axis``, both (instance_count, 3), in the frame of the base's holder."""
+    the ends being along ``axis``, both (instance_count, 3), in the frame of the base's holder."""
     table, back = problem.table, inverse_left_jacobian(turn)
     tangent = matrices(turn)[:, :, 2]
-    spins = table.balls.numpy() == ROUND_IN_BALLS
+    about = table.balls.numpy() == IN_BALLS
 
     def unit(v: FloatArray) -> FloatArray:
         size = np.linalg.norm(v, axis=1, keepdims=True)
@@ -159,7 +181,7 @@ def hold_base(problem: "HeldProblem", turn: FloatArray, axis: FloatArray, chosen
     other = np.eye(3)[np.argmin(np.abs(spin), axis=1)]
     other -= (other * spin).sum(axis=1)[:, None] * spin
     apart = np.where((np.linalg.norm(apart, axis=1) > STRAIGHT)[:, None], apart, other)
-    ways = np.stack([spin, np.where(spins[:, None], unit(apart), unit(whole))], axis=1)
+    ways = np.stack([spin, np.where(about[:, None], unit(whole), unit(apart))], axis=1)
     at = np.einsum("bki,bi->bk", ways, turn) / problem.length[:, None]
     for array, values in ((table.ways, ways), (table.held_at, at)):
         array.assign(np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values, array.numpy()))
@@ -172,7 +194,7 @@ def hold_bases_alone(problem: "HeldProblem") -> None:
     size = np.linalg.norm(axis, axis=1, keepdims=True)
     axis = np.where(size > 0, axis / np.where(size > 0, size, 1.0), AXIS)
     turn = vectors(turned_to(np.broadcast_to(AXIS, axis.shape), axis))
-    hold_base(problem, turn, axis, between_balls(problem)[0])
+    hold_base(problem, turn, axis, problem.table.balls.numpy() != 0)
 
 
 def holding(
@@ -181,12 +203,12 @@ def holding(
     """(28) What is taken off the moments at the bases of the ``chosen``, (count, 3), and its columns by their rotation vectors
     over the length, (count, 3, 3), at unknowns (count, n) and levels of the load (count,); None where nothing is."""
     table = problem.table
-    between, free = (own[chosen] for own in between_balls(problem))
-    if not between.any():
+    kinds, free, between = table.balls.numpy()[chosen], free_in_balls(problem)[chosen], between_balls(problem)[0][chosen]
+    clamped = (kinds == BALL_AND_CLAMP) & _on_axis(problem)[chosen]
+    if not (between | clamped).any():
         return None
-    spins = between & (table.balls.numpy()[chosen] == ROUND_IN_BALLS)
-    fading = between * np.maximum(1 - level, 0.0) * table.leading.numpy()[chosen]
-    weights = np.stack([spins, np.where(free, 1.0, fading)], axis=1)
+    fading = (between | clamped) * np.maximum(1 - level, 0.0) * table.leading.numpy()[chosen]
+    weights = np.stack([between & (kinds == ROUND_IN_BALLS), np.where((free != 0) & (free != SPINS), 1.0, fading)], axis=1)
     length, ways = problem.length[chosen], table.ways.numpy()[chosen]
     turn = length[:, None] * unknowns[:, problem.rod.unknown_count :]
     lags = np.einsum("bki,bi->bk", ways, turn) / length[:, None] - table.held_at.numpy()[chosen]

@@ -235,7 +235,7 @@ class HeldProblem(BoundaryProblem):
         return True
 
     def _zeros(self) -> list[Array]:
-        own = [self.table.opening, self.table.direct, self.table.neutral, self.table.leading]
+        own = [self.table.opening, self.table.direct, self.table.neutral, self.table.leading, self.table.drawn]
         return [*super()._zeros(), *own]
 
     def takes(self, name: str) -> bool:  # noqa: D102

@@ -12,8 +12,17 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray
 from multirod.models.backbone.kernels.loads.foundation import Foundation, RisingFoundation
 from multirod.models.held.buckling import MODES, buckled, hinge_of, thrust_of, to_side
-from multirod.models.held.costless import AXIS, between_balls, force_along, free_in_balls, hold_base, straight_at_rest, turned_to
-from multirod.models.held.kernels.arguments import ACROSS, IN_BALLS
+from multirod.models.held.costless import (
+    AXIS,
+    between_balls,
+    drawn_aside,
+    force_along,
+    free_in_balls,
+    hold_base,
+    straight_at_rest,
+    turned_to,
+)
+from multirod.models.held.kernels.arguments import ACROSS, BALL_AND_CLAMP, IN_BALLS
 from multirod.results.events import BranchEvent
 from multirod.rotations import cross, matrices, vectors
 from multirod.status import Status
@@ -116,7 +125,8 @@ def begin(problem: "HeldProblem") -> Begun:
         least = _least_singular_value(gamma)
         stuck = ~(least > REGULAR) & ~_stays(problem, position, rotation) & ~led
         if stuck.any() or problem.rod.features.shear:
-            start = bent_rods(problem, x)
+            aside = np.where(led[:, None], 0.0, drawn_aside(problem))
+            start = bent_rods(problem, x, aside)
             far = start.twofold & _pushed_far(problem, start.end) & ~stuck & ~led
             passed = _passed(problem, start, far & ~loaded(problem))
             stuck |= far
@@ -124,17 +134,30 @@ def begin(problem: "HeldProblem") -> Begun:
             x = np.where(stuck[:, None], start.unknowns, x)
             problem.table.direct.assign((stuck & start.direct).astype(np.int32))
             begins = stuck & start.buckled
+            drawn = begins & aside.any(axis=1)
+            _draw(problem, aside, drawn, x)
             buckled |= begins
             problem.table.rest_position.assign(np.where(begins[:, None], start.end, position))
             residual, gamma = problem.evaluate(x)
             if begins.any():
                 x, residual, gamma = _settled(problem, x, residual, gamma, begins)
-            weighed = begins & start.twofold & loaded(problem)
+            weighed = begins & start.twofold & loaded(problem) & ~drawn
             if weighed.any():
                 x, residual, gamma = _lower(problem, x, start, weighed)
             least = _least_singular_value(gamma)
     integrations = INTEGRATIONS_AT_REST + turned + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed
     return Begun(x, residual, least, integrations, passed)
+
+
+def _draw(problem: "HeldProblem", aside: FloatArray, drawn: NDArray[np.bool_], unknowns: FloatArray) -> None:
+    """(31) Hold on the way those that are ``drawn``, (instance_count,), by forces ``aside``, (instance_count, 3), in their plane;
+    (29) a base in a ball as it is turned by ``unknowns``."""
+    pull, table = np.linalg.norm(aside, axis=1), problem.table
+    table.drawn.assign(np.where(drawn[:, None], aside / np.where(drawn, pull, 1.0)[:, None], 0.0))
+    table.leading.assign(np.where(drawn, np.minimum(pull, 1.0), table.leading.numpy()))
+    if (clamped := table.balls.numpy() == BALL_AND_CLAMP).any():
+        turn = problem.length[:, None] * unknowns[:, problem.rod.unknown_count :]
+        hold_base(problem, turn, np.broadcast_to(AXIS, turn.shape), clamped)
 
 
 def _led(
@@ -316,8 +339,9 @@ def _pushed_far(problem: "HeldProblem", end: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(stiff & (short > FAR * strain) & straight_at_rest(problem))
 
 
-def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
-    """(4), (23) What is straight at rest, at ``unknowns`` (instance_count, n), bent.
+def bent_rods(problem: "HeldProblem", unknowns: FloatArray, aside: FloatArray) -> Start:
+    """(4), (23), (31) What is straight at rest, at ``unknowns`` (instance_count, n), bent; ``aside`` is where forces draw round
+    ones, (instance_count, 3), in ``EI/L^2``.
 
     As a column buckles, strips, and others where a turn about the axis of the base will cost nothing; else to an arc, by a moment
     at the end; and where the end of such a one is turned by more than ``ANGLE``, to an arc of that turn. Strips bend about their
@@ -343,14 +367,18 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray) -> Start:
     base = np.broadcast_to(problem.rod.table.base_position.numpy(), axis.shape)
     short = 1 - np.linalg.norm(problem.goal()[0] - base, axis=1)[:, None] / length
     short = np.clip(short, np.where(turned & ~neutral, TURNED, 0.0), MOST)
-    aside = np.stack([axis[:, 1], -axis[:, 0], axis[:, 2]], axis=1)
-    arc = np.where(direct, across, ANGLE * (axis + ASIDE * aside)) / length
+    pull = np.linalg.norm(aside, axis=1)[:, None]
+    drawn = (pull > 0) & (short > BUCKLED)
+    buckles = buckles | drawn
+    beside = np.stack([axis[:, 1], -axis[:, 0], axis[:, 2]], axis=1)
+    arc = np.where(direct, across, ANGLE * (axis + ASIDE * beside)) / length
     result = np.array(unknowns)
     result[:, :2] += np.where(buckles, 0.0, arc[:, :2] * stiffness / problem.stiffness[:, None])
     along = (axis * softer).sum(axis=1)[:, None]
     about = np.where(neutral, -axis, np.where(along > 0, -softer, softer))
     told = turned & (neutral | (np.abs(along) > ACROSS))  # by the way in which the end is turned
     about = np.where(told, about, to_side(problem, about))
+    about = np.where(drawn, cross(AXIS, aside) / np.where(drawn, pull, 1.0), about)
     bent = [np.where(buckles, buckled(problem, sign * about, soft, np.sqrt(short)), 0.0) for sign in (1.0, -1.0)]
     end = base + (1 - short) * length * problem.base_frame[:, :, 2]
     begins = (buckles & (short > BUCKLED))[:, 0]

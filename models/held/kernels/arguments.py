@@ -11,7 +11,7 @@ ON_AXIS = 1e-9  # what counts as on an axis, in lengths, and along it
 ACROSS = 1e-6  # turn of the end across the axis of the base from which on it says where the rod bends [rad]
 SOFT = 0.025  # of forces and moments in EI/L^2 and EI/L, by which a neutral turn is held: then it is as stiff as others
 IN_BALLS, ROUND_IN_BALLS, SPINS = 1, 2, 3  # (28) rods between two balls, such ones that are round, and these under loads across
-BALL_AND_CLAMP = 4  # (24)
+BALL_AND_CLAMP = 4  # round ones from a ball to a clamp
 ALONG = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")  # as they stand in a row of a rod's inputs
 
 
@@ -45,12 +45,13 @@ class Held:
     base_axes: wp.array[wp.vec3d]  # (turns,): of the base's joint, in its holder's frame
     opening: wp.array2d[wp.float64]  # residual of the rod at rest where the path begins
     direct: wp.array[int]  # whether the end's holder is where it is to be all along the path
-    alike: wp.array[int]  # whether the rod is the same about its axis, whatever holds its end
+    alike: wp.array[int]  # whether the rod is the same about its axis, whatever holds its end and acts along it
     neutral: wp.array[int]  # whether a turn about the base's axis costs nothing
     clamped: int  # whether clamps tell of that turn, and (11) need not hold it
-    balls: wp.array[int]  # (24), (28) which turns of a rod whose base is in a ball cost nothing where no load acts
+    balls: wp.array[int]  # (28) which turns of a rod whose base is in a ball cost nothing where no load acts
     least: wp.array2d[wp.float64]  # of the moment on the tip, then of ALONG: as much or less is no load (instance, 5)
-    leading: wp.array[wp.float64]  # how its turn about the line between the balls is held where the path begins
+    leading: wp.array[wp.float64]  # how the turn that loads are to tell is held where the path begins
+    drawn: wp.array[wp.vec3d]  # (31) where loads draw a rod on the axis of its base, in the frame of that
     ways: wp.array2d[wp.vec3d]  # along which the rotation vector of its base is held: as the rod spins, and as it turns
     held_at: wp.array2d[wp.float64]  # where [1/m]
     rod: ProblemArrays  # as a backbone whose tip is held

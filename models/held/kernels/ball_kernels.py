@@ -1,17 +1,16 @@
 # mypy: ignore-errors
-"""(24), (28) of ``docs/held.md``: turns of a rod whose base is in a ball that cost nothing, and what holds these."""
+"""(28) of ``docs/held.md``: turns of a rod whose base is in a ball that cost nothing, and what holds these."""
 
 import warp as wp
 
 from multirod.models.held.kernels.arguments import (
     ALONG,
     BALL_AND_CLAMP,
-    IN_BALLS,
     ON_AXIS,
     ROUND_IN_BALLS,
     Held,
 )
-from multirod.models.held.kernels.base_kernels import on_axis, turn_of
+from multirod.models.held.kernels.base_kernels import acts, acts_along, leading, on_axis, turn_of
 from multirod.models.joint_kernels import column_of, vector
 from multirod.models.rotation_kernels import rotation_from_vector
 
@@ -20,33 +19,20 @@ FORCE, TORQUE, WEIGHT, FIELD = (3 * k for k in range(len(ALONG)))  # places afte
 
 
 @wp.func
-def acts(held: Held, b: int, place: int, kind: int) -> bool:
-    """Whether a load is more than none, (24)."""
-    return wp.length(vector(held.problem.inputs, b, place)) > held.least[b, kind]
-
-
-@wp.func
-def turns_about_clamp(held: Held, b: int, away: wp.vec3d) -> bool:
-    """(24) Whether a turn costs nothing of a rod from a ball to a clamp, its end's holder ``away`` from its base."""
-    if held.balls[b] != wp.static(BALL_AND_CLAMP) or wp.length(away) < f64(wp.static(ON_AXIS)) * held.length[b]:
-        return False
-    acting = False  # a moment on an end that is clamped does no work
-    for k in range(wp.static(len(ALONG))):
-        acting = acting or acts(held, b, held.along + 3 * k, 1 + k)
-    return not acting and on_axis(held, b)
-
-
-@wp.func
 def lies_along(v: wp.vec3d, axis: wp.vec3d) -> bool:
     return wp.length(wp.cross(v, axis)) <= f64(wp.static(ON_AXIS)) * wp.length(v) * wp.length(axis)
 
 
 @wp.func
-def weights_between_balls(held: Held, b: int) -> wp.vec2d:
-    """(28) How the spin of a rod between two balls is held, and its turn about the line between them."""
+def weights(held: Held, b: int) -> wp.vec2d:
+    """(28) How the spin of a rod between two balls is held, and a turn about the line between its ends."""
     none = wp.vec2d(f64(0.0), f64(0.0))
-    if held.balls[b] != wp.static(IN_BALLS) and held.balls[b] != wp.static(ROUND_IN_BALLS):
+    if held.balls[b] == 0:
         return none
+    if held.balls[b] == wp.static(BALL_AND_CLAMP):
+        if not on_axis(held, b):
+            return none
+        return wp.vec2d(f64(0.0), wp.where(acts_along(held, b), leading(held, b), f64(1.0)))
     force = vector(held.problem.inputs, b, held.along + wp.static(FORCE))
     weight = vector(held.problem.inputs, b, held.along + wp.static(WEIGHT))
     pushed, heavy = acts(held, b, held.along + wp.static(FORCE), 1), acts(held, b, held.along + wp.static(WEIGHT), 3)
@@ -58,7 +44,7 @@ def weights_between_balls(held: Held, b: int) -> wp.vec2d:
     if held.slides != 0:
         frame = rotation_from_vector(vector(held.problem.inputs, b, held.pose + 3)) * held.end_frame[b]
         free = free and lies_along(column_of(frame * held.guide, 2), chord)
-    turn = wp.where(free, f64(1.0), wp.max(f64(1.0) - held.problem.load_factor[b], f64(0.0)) * held.leading[b])
+    turn = wp.where(free, f64(1.0), leading(held, b))
     # clamps along the rod tell of its spin
     spins = held.balls[b] == wp.static(ROUND_IN_BALLS) and held.clamped == 0
     spin = wp.where(spins, f64(1.0), f64(0.0))
@@ -67,15 +53,11 @@ def weights_between_balls(held: Held, b: int) -> wp.vec2d:
 
 @wp.struct
 class Spin:
-    """(24), (28) What stands in the rows of a ball at the base for turns that cost nothing."""
+    """(28) What stands in the rows of a ball at the base for turns that cost nothing."""
 
     there: bool
-    weights: wp.vec2d  # between two balls
-    apart: f64
-    chord: wp.vec3d  # from base to end, in the frame of the base's holder
+    weights: wp.vec2d
     angle: wp.vec3d  # rotation vector of the base
-    turned: wp.vec3d  # what a moment about the chord turns it by
-    fall: f64
 
 
 @wp.func
@@ -109,23 +91,16 @@ def turned_by_variation(a: wp.vec3d, e: wp.vec3d, da: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def spin_of(held: Held, b: int, away: wp.vec3d) -> Spin:
+def spin_of(held: Held, b: int) -> Spin:
     spin = Spin()
-    spin.angle = turn_of(held, b)
-    if turns_about_clamp(held, b, away):
-        spin.there = True
-        spin.apart = wp.length(away)
-        spin.chord = wp.transpose(held.base_frame[b]) * (away / spin.apart)
-        spin.turned = turned_by(spin.angle, spin.chord)
-        spin.fall = spin.angle[0] / held.length[b]
-        return spin
-    spin.weights = weights_between_balls(held, b)
+    spin.weights = weights(held, b)
     spin.there = spin.weights[0] != f64(0.0) or spin.weights[1] != f64(0.0)
+    spin.angle = turn_of(held, b)
     return spin
 
 
 @wp.func
-def holding_rows(held: Held, b: int, spin: Spin) -> wp.vec3d:
+def spin_rows(held: Held, b: int, spin: Spin) -> wp.vec3d:
     """(28)"""
     total = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
     for k in range(2):
@@ -136,7 +111,7 @@ def holding_rows(held: Held, b: int, spin: Spin) -> wp.vec3d:
 
 
 @wp.func
-def holding_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d) -> wp.vec3d:
+def spin_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d) -> wp.vec3d:
     """(28) Their change where the rotation vector of the base changes by ``da``, over the length."""
     total = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
     for k in range(2):
@@ -145,22 +120,3 @@ def holding_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d) -> wp.v
         change = lag * turned_by_variation(spin.angle, q, held.length[b] * da)
         total += spin.weights[k] * (change + wp.dot(q, da) * turned_by(spin.angle, q))
     return total
-
-
-@wp.func
-def rows_of_spin(held: Held, b: int, spin: Spin) -> wp.vec3d:
-    """(24), (28)"""
-    if spin.apart == f64(0.0):
-        return holding_rows(held, b, spin)
-    return spin.fall * (spin.turned - wp.vec3d(f64(0.0), f64(0.0), f64(1.0)))
-
-
-@wp.func
-def spin_rows_variation(held: Held, b: int, spin: Spin, da: wp.vec3d, move: wp.vec3d) -> wp.vec3d:
-    """(24), (28) Their change where the base's rotation vector changes by ``da``, over the length, and the end's holder moves."""
-    if spin.apart == f64(0.0):
-        return holding_rows_variation(held, b, spin, da)
-    own = wp.transpose(held.base_frame[b]) * move
-    dchord = (own - wp.dot(spin.chord, own) * spin.chord) / spin.apart
-    dturned = turned_by(spin.angle, dchord) + turned_by_variation(spin.angle, spin.chord, held.length[b] * da)
-    return da[0] * (spin.turned - wp.vec3d(f64(0.0), f64(0.0), f64(1.0))) + spin.fall * dturned

@@ -41,9 +41,44 @@ def on_axis(held: Held, b: int) -> bool:
 
 
 @wp.func
+def acts(held: Held, b: int, place: int, kind: int) -> bool:
+    """Whether a load is more than none, (24)."""
+    return wp.length(vector(held.problem.inputs, b, place)) > held.least[b, kind]
+
+
+@wp.func
+def acts_along(held: Held, b: int) -> bool:
+    """(24) Whether any load along the rod does."""
+    acting = False
+    for k in range(wp.static(len(ALONG))):
+        acting = acting or acts(held, b, held.along + 3 * k, 1 + k)
+    return acting
+
+
+@wp.func
+def leading(held: Held, b: int) -> f64:
+    """(28) The spring that holds on the way what loads are to tell."""
+    return wp.max(f64(1.0) - held.problem.load_factor[b], f64(0.0)) * held.leading[b]
+
+
+@wp.func
+def drawn_or(held: Held, b: int, other: wp.vec3d) -> wp.vec3d:
+    """(31) Where loads draw the rod on the way, in the frame of the base."""
+    return wp.where(wp.length(held.drawn[b]) > f64(0.0) and acts_along(held, b), held.drawn[b], other)
+
+
+@wp.func
 def is_neutral(held: Held, b: int) -> bool:
-    """(10) The same of a rod that is alike about it."""
-    return held.alike[b] != 0 and on_axis(held, b)
+    """(10) The same of a rod that is alike about it, and on which nothing acts along it."""
+    return held.alike[b] != 0 and on_axis(held, b) and not acts_along(held, b)
+
+
+@wp.func
+def weight_of_phase(held: Held, b: int) -> f64:
+    """(11), (31) How the turn about the base's axis is held."""
+    if held.alike[b] == 0 or not on_axis(held, b):
+        return f64(0.0)
+    return wp.where(acts_along(held, b), leading(held, b), f64(1.0))
 
 
 @wp.func

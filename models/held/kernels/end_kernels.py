@@ -4,7 +4,7 @@
 import warp as wp
 
 from multirod.models.held.kernels.arguments import ACROSS, SOFT, Held
-from multirod.models.held.kernels.base_kernels import base_moment
+from multirod.models.held.kernels.base_kernels import base_moment, drawn_or, weight_of_phase
 from multirod.models.joint_kernels import CLAMPED, Joint, along, joint_at, joint_rows, joint_rows_variation, vector
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 
@@ -42,7 +42,7 @@ def phase_of(held: Held, b: int) -> wp.vec3d:
     size = wp.length(across)
     if size > f64(wp.static(ACROSS)):
         return across / size
-    return wp.vec3d(f64(1.0), f64(0.0), f64(0.0))
+    return drawn_or(held, b, wp.vec3d(f64(1.0), f64(0.0), f64(0.0)))
 
 
 @wp.struct
@@ -79,12 +79,12 @@ class Tip:
     apart: wp.vec3d
     force: wp.vec3d  # that the rod carries there, less what acts on the tip, in the world
     moment: wp.vec3d
-    neutral: int
+    weight: f64  # of the phase
     phase: Phase
 
 
 @wp.func
-def tip_of(held: Held, b: int, neutral: bool, position: wp.vec3d, rotation: wp.mat33d, force: wp.vec3d, moment: wp.vec3d) -> Tip:
+def tip_of(held: Held, b: int, position: wp.vec3d, rotation: wp.mat33d, force: wp.vec3d, moment: wp.vec3d) -> Tip:
     """A tip of this pose, at which the rod carries this force and moment, all in the world."""
     tip = Tip()
     path = held.problem.load_factor[b]
@@ -96,11 +96,12 @@ def tip_of(held: Held, b: int, neutral: bool, position: wp.vec3d, rotation: wp.m
     tip.joint.curvature = f64(1.0) / held.stiffness[b]
     tip.to_guide = wp.transpose(tip.end.rotation * held.guide)
     tip.apart = position - tip.end.position
-    tip.neutral = int(neutral)
-    if neutral:
+    # clamps along the rod tell of that turn
+    tip.weight = wp.where(held.clamped == 0, weight_of_phase(held, b), f64(0.0))
+    if tip.weight != f64(0.0):
         tip.phase.axis = held.base_frame[b] * wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
         tip.phase.across = phase_of(held, b)
-        tip.phase.lag = tip.joint.curvature * wp.dot(tip.phase.across, base_moment(held, b))
+        tip.phase.lag = tip.weight * tip.joint.curvature * wp.dot(tip.phase.across, base_moment(held, b))
         pulled = wp.cross(tip.phase.axis, tip.force)
         twisted = wp.cross(tip.phase.axis, tip.moment)
         by_pull, by_twist = phase_rows(held, b, tip.joint, tip.to_guide, pulled, twisted)
@@ -118,7 +119,7 @@ def tip_rows(held: Held, b: int, tip: Tip):
     if held.slides != 0:
         gap[2] = pull[2]
     rows = joint_rows(tip.joint)
-    if tip.neutral != 0:
+    if tip.weight != f64(0.0):
         gap += tip.phase.lag * tip.phase.pull
         rows += tip.phase.lag * tip.phase.twist
     return gap, rows
@@ -145,8 +146,8 @@ def tip_rows_variation(
         push = (L * bent) * (tip.to_guide * (dn - wp.cross(turn, tip.force)))
         shift[2] = push[2]
     change = joint_rows_variation(tip.joint, tip_turn, turn, dm, tip.moment)
-    if tip.neutral != 0:
-        lags = bent * wp.dot(tip.phase.across, db)
+    if tip.weight != f64(0.0):
+        lags = tip.weight * bent * wp.dot(tip.phase.across, db)
         by_force = wp.cross(tip.phase.axis, dn) - wp.cross(turn, wp.cross(tip.phase.axis, tip.force))
         by_moment = wp.cross(tip.phase.axis, dm) - wp.cross(tip_turn, wp.cross(tip.phase.axis, tip.moment))
         more, twist = phase_rows(held, b, tip.joint, tip.to_guide, by_force, by_moment)

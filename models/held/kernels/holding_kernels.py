@@ -8,10 +8,10 @@ import warp as wp
 
 from multirod.kernels.own_module import own_module
 from multirod.models.held.kernels.arguments import POSE, Ends, Held
-from multirod.models.held.kernels.ball_kernels import rows_of_spin, spin_of, spin_rows_variation
-from multirod.models.held.kernels.base_kernels import base_moment, is_neutral, to_unknowns, turn_axis
+from multirod.models.held.kernels.ball_kernels import spin_of, spin_rows, spin_rows_variation
+from multirod.models.held.kernels.base_kernels import base_moment, to_unknowns, turn_axis
 from multirod.models.held.kernels.end_kernels import tip_of, tip_rows, tip_rows_variation
-from multirod.models.joint_kernels import along, column, vector, write_rows
+from multirod.models.joint_kernels import column, vector, write_rows
 
 f64 = wp.float64
 
@@ -43,7 +43,7 @@ def hold(held: Held):
         to_unknowns(held, b, held.rod.gamma, held.rod.residual_directions, 0, i)
     bent = f64(1.0) / held.stiffness[b]
     force, moment = vector(held.wrench.values, b, 0), vector(held.wrench.values, b, 3)
-    tip = tip_of(held, b, held.neutral[b] > held.clamped, held.rod.position[b], held.rod.rotation[b], force, moment)
+    tip = tip_of(held, b, held.rod.position[b], held.rod.rotation[b], force, moment)
     gap, rows = tip_rows(held, b, tip)
     total = f64(0.0)
     for j in range(3):
@@ -52,10 +52,10 @@ def hold(held: Held):
         total += wp.abs(gap[j]) + wp.abs(rows[j])
     for i in range(wp.static(POSE), m):
         held.problem.residual[b, i] = held.rod.residual[b, i] - open * held.opening[b, i]
-    spin = spin_of(held, b, tip.end.position - held.base_position[b])
+    spin = spin_of(held, b)
     spun = zero
     if spin.there:
-        spun = rows_of_spin(held, b, spin)
+        spun = spin_rows(held, b, spin)
     for j in range(held.turns):
         row = bent * base_moment(held, b) - spun
         held.problem.residual[b, m + j] = wp.dot(held.base_axes[j], row) - open * held.opening[b, m + j]
@@ -71,16 +71,13 @@ def hold(held: Held):
             # (9) the rod turns with its base as one
             a = turn_axis(held, b, k - m - held.direction_count)
             if spin.there:
-                spun = spin_rows_variation(held, b, spin, held.base_axes[k - m - held.direction_count], zero)
+                spun = spin_rows_variation(held, b, spin, held.base_axes[k - m - held.direction_count])
             dp += wp.cross(a, held.rod.position[b] - held.base_position[b])
             tip_turn += a
             dn += wp.cross(a, force)
             dm += wp.cross(a, moment)
         elif k >= m:
             d = k - m
-            if spin.there:
-                move = held.problem.load_factor[b] * along(held.problem.directions, b, d, held.pose)
-                spun = spin_rows_variation(held, b, spin, zero, move)
         if held.problem.pose_columns.shape[2] > 1:
             place = k
             if k >= m + held.direction_count:
@@ -118,7 +115,7 @@ def hold_ends(held: Held, ends: Ends):
     b = ends.instance[t]
     open = f64(1.0) - held.problem.load_factor[b]
     force, moment = vector(ends.wrench, t, 0), vector(ends.wrench, t, 3)
-    tip = tip_of(held, b, is_neutral(held, b), ends.position[t], ends.rotation[t], force, moment)
+    tip = tip_of(held, b, ends.position[t], ends.rotation[t], force, moment)
     gap, rows = tip_rows(held, b, tip)
     for j in range(3):
         ends.residual[t, j] = gap[j] - open * held.opening[b, j]
