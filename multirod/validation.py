@@ -234,7 +234,8 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
     except Exception:  # noqa: BLE001  (ragged, or whatever someone's object raises)
         refuse(field, value, f"must be numeric, {wanted}")
     if given.dtype.kind not in "fiu" or isinstance(value, (bytearray, memoryview)):
-        refuse(field, value, f"must be numeric, {wanted}")
+        of_table = "; a row of a table with text in it is of dtype object: give its .astype(float)"
+        refuse(field, value, f"must be numeric, {wanted}{of_table * (getattr(value, 'dtype', None) == object)}")
     if given.dtype == np.float64:
         result = np.array(given, dtype=np.float64)
     else:

@@ -182,6 +182,25 @@ def test_a_robot_is_read_back_by_the_same_bits(name, ending, tmp_path):
     assert_same(mr.load(tmp_path / f"robot{ending}"), robot)
 
 
+def test_poses_of_legs_are_read_from_a_robot_that_was_loaded(tmp_path):
+    poses = np.tile(np.eye(4), (2, 3, 1, 1))
+    poses[:, :, :2, 3] = [[(0.1, 0), (0, 0.1), (-0.1, 0)], [(0.05, 0), (0, 0.05), (-0.05, 0)]]
+    leg = mr.Rod(length=0.3, bending_stiffness=0.1, torsional_stiffness=0.08)
+    mr.ParallelRods(legs=[leg] * 3, base=poses[0], platform=poses[1]).save(tmp_path / "robot.toml")
+    robot = mr.load(tmp_path / "robot.toml")
+    np.testing.assert_array_equal([robot.base, robot.platform], poses)
+    with pytest.raises(ValueError, match="read-only"):
+        robot.platform[0, 0, 3] = 1.0
+
+
+def test_a_row_of_a_table_with_text_says_what_to_do(tmp_path):
+    robot = mr.SingleRod(mr.Rod(length=0.3, bending_stiffness=0.1, torsional_stiffness=0.08))
+    row = np.array([0.1, 0, 0], dtype=object)
+    with pytest.raises(ValueError, match=r"of dtype object: give its \.astype\(float\)"):
+        robot.inputs(tip_force=row)
+    assert robot.inputs(tip_force=row.astype(float)).tip_force[0] == 0.1
+
+
 def test_the_robots_tried_have_all_that_a_file_may_hold():
     """Each argument of each class is somewhere not its default; and each number has a unit beside it, or has none."""
     shown = {kind: set() for kind in kinds.CLASSES}

@@ -112,6 +112,16 @@ class ParallelRods(Assembly):
         self._own_rods = [slice(a, b) for a, b in pairwise(self.geometry.first_rod.tolist())]
 
     @property
+    def base(self) -> FloatArray:
+        """Pose of each leg's base in the world, shape (..., leg_count, 4, 4)."""
+        return self.geometry.base
+
+    @property
+    def platform(self) -> FloatArray:
+        """Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4)."""
+        return self.geometry.platform
+
+    @property
     def batch_shape(self) -> tuple[int, ...]:
         """Leading axes of the rods' parameters and of the poses."""
         return self.geometry.batch_shape
