@@ -221,3 +221,12 @@ def mapping_of(robot, kind, own):
     """Numbers of all joints of a kind, by their names, zero where none is given."""
     names = [name.removesuffix(" 0").removesuffix(" 1") for name in robot.coordinate_names[kind]]
     return {name: np.atleast_1d(np.zeros(names.count(name)) + own.get(name, 0.0)) for name in names}
+
+
+def test_what_is_pushed_is_a_load_to_those_who_search_without():
+    """What moves a base and turns it about itself stays."""
+    robot = mixed()
+    problem = robot.problem(robot.inputs(**TURNING, **GIVEN), integrator=mr.RK4(4))
+    rows = problem.joints.unloaded_inputs()
+    found = {name for name, place in problem._slices.items() if rows[:, place].any()}
+    assert found == {"rotation", "translation"}

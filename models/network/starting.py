@@ -17,7 +17,9 @@ from multirod.models.backbone.starts import APART
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
 from multirod.models.network.elements.elements import GAP_AT
 from multirod.models.network.elements.groups import ON_RODS
+from multirod.models.network.graph import PUSHED
 from multirod.models.network.joining.placing import placed
+from multirod.models.network.places import LOADED
 from multirod.models.network.poses import fixed_poses, pose_unknowns
 from multirod.models.platform.starting.guess import (
     COMPLIANCES,
@@ -307,7 +309,7 @@ class NetworkJoints(Joints):
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         rows = self.problem.read("inputs")
-        for name in (*(spec.name for spec in LOADS), "force", "moment", *ON_RODS):
+        for name in (*(spec.name for spec in LOADS), *LOADED, *PUSHED, *ON_RODS):
             if name in self.problem._slices:
                 rows[:, self.problem.input_slice(name)] = 0.0
         return rows
