@@ -10,7 +10,8 @@ from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.segments import Segments, placed
 from multirod.solver import Outcome, Solver, Track, knows
-from multirod.solvers.continuation.paths import ROUNDED_OFF, RUNAWAY
+from multirod.solvers.continuation.pace import ROUNDED_OFF
+from multirod.solvers.continuation.paths import RUNAWAY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.segments.band import Systems
 from multirod.solvers.segments.equilibria import Place

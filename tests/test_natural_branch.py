@@ -7,7 +7,9 @@ import pytest
 from benchmarks import natural_branch as study
 
 import multirod as mr
+from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.solvers.continuation.natural import natural_branch
+from multirod.solvers.continuation.pace import Pace
 from multirod.solvers.continuation.paths import Paths
 from multirod.status import Status
 
@@ -69,6 +71,49 @@ def test_the_whole_load_at_once_where_newton_contracts_slowly():
     truth = study.reference(problem.parts.of(at_once))
     assert (truth.level == 1).all()
     assert study.alike(problem.read("unknowns")[at_once], truth.unknowns).all()
+
+
+def test_looks_by_few_steps_of_the_integrator_leave_results(monkeypatch):
+    """To the last bit where the load is gone in one step, else the step after a look may be longer or shorter by what few steps
+    leave, 1e-4 here; in a batch and alone."""
+    random, count = np.random.default_rng(3), 40
+    data = [(0.00387, 0.431, 0.103, 9.0), (0.01717, 0.332, 0.113, 6.0), (0.03977, 0.174, 0.134, 3.5)]
+    rods = [
+        mr.Rod(length=L, bending_stiffness=EI, torsional_stiffness=0.8 * EI, precurvature=[(L - c, (0, 0, 0)), (c, (k, 0, 0))])
+        for EI, L, c, k in data
+    ]
+    robot = mr.ConcentricTubes(rods)
+    rotation = random.uniform(-1, 1, (count, 3)) * np.linspace(0.5, 1.5, count)[:, None]
+    force = np.linspace(0.1, 0.5, count)[:, None] * np.array([0, 1, 0.5])
+    solver = mr.Shooting(integrator=study.INTEGRATOR, at_fold="stop")
+
+    def solved(some):
+        inputs = robot.inputs(rotation=rotation[some], translation=(-0.28, -0.22, -0.1), tip_force=force[some])
+        return mr.solve(robot, inputs, solver=solver, threads=1)
+
+    coarse, spent = LanePass.launch, []
+
+    def counted(self):
+        if self._call.steps < study.INTEGRATOR.steps and not self._call.node_count:
+            spent.append(int(self._call.problem.active.numpy().any()))
+        coarse(self)
+
+    monkeypatch.setattr(LanePass, "launch", counted)
+    brief, alone = solved(slice(None)), solved(slice(0, 1))
+    assert sum(spent) > 5
+    monkeypatch.setattr(Pace, "may_be_brief", lambda self: False)
+    spent.clear()
+    whole = solved(slice(None))
+    assert not spent
+    assert (whole.status == Status.CONVERGED).all()
+    once = whole.integrations < 12
+    assert 3 < once.sum() < count - 3, whole.integrations
+    np.testing.assert_array_equal(alone.unknowns[0], brief.unknowns[0])
+    np.testing.assert_array_equal(brief.status, whole.status)
+    np.testing.assert_array_equal(brief.integrations[once], whole.integrations[once])
+    np.testing.assert_array_equal(brief.unknowns[once], whole.unknowns[once])
+    # the tolerance of both, by the inverse of Gamma
+    np.testing.assert_allclose(brief.unknowns, whole.unknowns, rtol=0, atol=1e-7)
 
 
 EVERY_LOAD = {"integrator": study.INTEGRATOR, "enabled": ("tip_force", "distributed_force", "gravity")}  # one kernel for all

@@ -385,6 +385,9 @@ class BackboneProblem(BoundaryProblem):
             self._coarse.set_dim(self.listed)
         return None if self.derivatives.followed else self._coarse
 
+    def coarse_turning(self) -> FloatArray:  # noqa: D102
+        return shortcuts.coarse_turning(self)
+
     def _pass_over(self, instances: IntArray | None) -> None:
         super()._pass_over(instances)
         self.launch.set_dim(self.listed)

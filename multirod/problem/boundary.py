@@ -204,11 +204,32 @@ class BoundaryProblem(ByInputs, Offers):
         that saves much; None by default. It passes over the instances that are listed now."""
         return None
 
+    def coarse_turning(self) -> FloatArray:
+        """By how much rods turn in a step of ``coarse``, as far as precurvature and loads tell [rad], shape (instance_count,)."""
+        return np.full(self.instance_count, np.inf)
+
     def integrate_coarsely(self) -> None:
         """``integrate``, by ``coarse``, which there is."""
         self._spend()
         assert self.coarse is not None
         self.coarse.launch()
+
+    def integrate_some_coarsely(self, coarsely: NDArray[np.int32]) -> None:
+        """``integrate``, by ``coarse``, which there is, where ``coarsely``, (instance_count,), is 1."""
+        active = self.buffer("active")
+        chosen = active * coarsely
+        if not chosen.any():
+            self.integrate()
+            return
+        before = active.copy()
+        try:
+            active[:] = chosen
+            self.integrate_coarsely()
+            active[:] = before * (1 - coarsely)
+            if active.any():
+                self.integrate()
+        finally:
+            active[:] = before
 
     def integrate_alike(self) -> bool:
         """Integrate one instance for all where they are surely the same, as a batch of loads on one robot is without them.

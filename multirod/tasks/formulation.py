@@ -155,16 +155,7 @@ class Task:
     def integrate_some_coarsely(self, coarsely: NDArray[np.int32]) -> None:
         """One integration of those that are active, by few steps where ``coarsely`` (b,) is 1: so the problem offers it on the
         CPU alone."""
-        active = self.problem.buffer("active")
-        before = active.copy()
-        try:
-            active[:] = before * coarsely
-            self.problem.integrate_coarsely()
-            active[:] = before * (1 - coarsely)
-            if active.any():
-                self.integrate()
-        finally:
-            active[:] = before
+        self.problem.integrate_some_coarsely(coarsely)
 
     def last(self, instances: NDArray[np.intp] | slice = slice(None)) -> Evaluation:
         """What the last integration said of some instances, without another one."""

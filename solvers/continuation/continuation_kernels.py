@@ -33,6 +33,7 @@ ON_THE_WAY = 1.0e-3  # of a step, how far from the equilibrium its end may be wh
 CLEARLY = 1.05  # radius of the disc that eigenvalues are not in when it is told before the equilibrium is found
 FALL = 0.1  # of the residual by Newton's last step but one, that tells so
 PATIENCE = 2  # halvings of a step, after which the equilibrium that it starts from is found to the tolerance
+FAR = 0.05  # of the way, at least, by a step that is looked at by few steps of the integrator
 # a step has not been looked at halfway, is, has been, is by its last integration, or waits for the equilibrium it starts from;
 # or is looked at at its first or its last quarter
 UNSEEN, LOOKING, SEEN, LAST_LOOK, POLISHING, FIRST_QUARTER, LAST_QUARTER = 0, 1, 2, 3, 4, 5, 6
@@ -74,6 +75,8 @@ class PathState:
     trial: wp.array2d[wp.float64]  # the unknowns at the goal meanwhile
     halfway: wp.array3d[wp.float64]  # Gamma there, or, where the look is the step's last integration, at the goal
     apart: wp.array[wp.float64]  # how far the equilibrium there was from that curve, of what is allowed
+    brief: wp.array[int]  # whether looks may be by few steps of the integrator
+    coarsely: wp.array[int]  # whether the next integration is
     doubted: wp.array[int]  # whether Newton's first steps contracted so slowly that its quarters are looked at too
     middle: wp.array2d[wp.float64]  # unknowns of the equilibrium halfway
     safe_step: wp.array[wp.float64]  # a step that is short enough wherever it starts
@@ -184,6 +187,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         state.probed[t] = wp.where(goal <= state.sure_level[t], wp.static(SEEN), wp.static(UNSEEN))
         state.apart[t] = f64(0.0)
         state.doubted[t] = 0
+        state.coarsely[t] = 0
         for i in range(n):
             x = state.points[t, 0, i]
             if state.known[t] > 1:
@@ -208,6 +212,12 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         else:
             state.load_factor[t] = level
 
+    @wp.func
+    def set_pace(state: wp.ref[PathState], t: int):
+        """Whether the next look is by few steps of the integrator: what these leave is little beside the step."""
+        far = state.goal[t] - state.levels[t, 0] >= f64(wp.static(FAR))
+        state.coarsely[t] = wp.where(far, state.brief[t], 0)
+
     @wp.func(inline=False)
     def look_halfway(state: wp.ref[PathState], t: int, probed: int):
         """Go to the level halfway, on the curve through the trial and the equilibria known."""
@@ -218,6 +228,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         c = state.levels[t, 2]
         level = f64(0.5) * (a + g)
         put(state, t, level)
+        set_pace(state, t)
         for i in range(n):
             x = state.newton.unknowns[t, i]
             state.trial[t, i] = x
@@ -250,6 +261,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         a = state.levels[t, 0]
         part = wp.where(probed == wp.static(FIRST_QUARTER), f64(0.25), f64(0.75))
         put(state, t, a + part * (state.goal[t] - a))
+        set_pace(state, t)
         for i in range(state.points.shape[2]):
             bent = state.middle[t, i] - f64(0.5) * (state.points[t, 0, i] + state.trial[t, i])
             straight = (f64(1.0) - part) * state.points[t, 0, i] + part * state.trial[t, i]
@@ -270,6 +282,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             state.newton.unknowns[t, i] = x
             moved += (x - state.points[t, 0, i]) * (x - state.points[t, 0, i])
         put(state, t, state.goal[t])
+        state.coarsely[t] = 0
         state.probed[t] = wp.static(SEEN)
         return sound and off <= f64(wp.static(HALFWAY)) * wp.sqrt(moved)
 
@@ -301,6 +314,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
                     state.halfway[t, i, j] = state.newton.gamma[t, i, j]
         most = wp.where(state.known[t] > 1, f64(wp.static(HALFWAY)), f64(wp.static(HALFWAY_FIRST)))
         put(state, t, state.goal[t])
+        state.coarsely[t] = 0
         if not last:
             state.probed[t] = wp.static(SEEN)
         state.apart[t] = off / (most * wp.sqrt(moved) + f64(1.0e-6) * (f64(1.0) + wp.sqrt(size)))
@@ -488,11 +502,41 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             wp.atomic_add(state.remaining, 0, 1)
         else:
             state.newton.active[t] = 0
+            state.coarsely[t] = 0
             for i in range(state.points.shape[2]):
                 state.newton.unknowns[t, i] = state.points[t, 0, i]
 
+    @wp.func
+    def integrate(state: wp.ref[PathState], calls: Calls, coarse: Calls):
+        """Launch what integrates each instance on its way."""
+        count = state.status.shape[0]
+        some = int(0)
+        others = int(0)
+        for t in range(count):
+            if state.newton.active[t] == 0:
+                state.coarsely[t] = 0
+            else:
+                some += state.coarsely[t]
+                others += 1 - state.coarsely[t]
+        if others == 0:
+            launch_all(coarse)
+        elif some == 0:
+            launch_all(calls)
+        else:
+            for t in range(count):
+                if state.newton.active[t] != 0 and state.coarsely[t] == 0:
+                    state.newton.active[t] = 0
+                    state.coarsely[t] = 2
+            launch_all(coarse)
+            for t in range(count):
+                state.newton.active[t] = wp.where(state.coarsely[t] == 2, 1, 0)
+            launch_all(calls)
+            for t in range(count):
+                state.newton.active[t] = wp.where(state.coarsely[t] != 0, 1, 0)
+                state.coarsely[t] = wp.where(state.coarsely[t] == 1, 1, 0)
+
     @own_module(max_unroll=1)
-    def path(state: PathState, calls: Calls, rounds: int):
+    def path(state: PathState, calls: Calls, coarse: Calls, rounds: int):
         if rounds == 0:
             t = state.newton.order[wp.tid()]
             if state.newton.active[t] != 0:
@@ -508,7 +552,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
             done = int(0)
             while left > 0 and done < rounds:
                 state.remaining[0] = 0
-                launch_all(calls)
+                integrate(state, calls, coarse)
                 for t in range(count):
                     if state.newton.active[t] != 0:
                         go_on(state, t, 0)

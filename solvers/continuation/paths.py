@@ -15,6 +15,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import MIN_STEP, RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path
+from multirod.solvers.continuation.pace import Pace, creeping
 from multirod.solvers.newton.iteration import Newton, narrowing
 from multirod.solvers.newton.rounds import Rounds
 from multirod.status import BoolArray, IntArray, Status, failures
@@ -28,13 +29,12 @@ RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
 AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
 ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
 MOST_STEPS = 32 * 65_536  # of the integrator for each rod, in all integrations of a way: one second
-CREEPING = 100  # steps to the full load, at the pace of the last, of what does
-ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
 
 COUNTS = (
     *("status", "iterations", "integrations", "steps", "known", "halved"),
-    *("surprised", "rough", "misled", "probed", "doubted"),
+    *("surprised", "rough", "misled", "probed", "doubted", "brief", "coarsely"),
 )
+PLACES = (*("step", "goal", "apart", "points", "levels", "reference"), *("expected", "surprise", "trial", "middle", "halfway"))
 
 
 class Paths:
@@ -85,8 +85,9 @@ class Paths:
         self._newton = newton
         self._tolerance = newton.tolerance
         self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
+        self._pace, self._brief = Pace(problem), np.zeros(count, dtype=bool)  # which may look by few steps of the integrator
         self._launch: Launch | None = None
-        self._loop: tuple[Struct, tuple[Launch, ...]] | None = None  # what is called, and launches that repeat it
+        self._loop: tuple[Struct, Struct | None, tuple[Launch, ...]] | None = None  # what is called, and launches that repeat it
         self._passed: tuple[Any, ...] | None = None  # options of these launches
         self._first_values: Any = None
         self._shape = newton.shape
@@ -115,10 +116,7 @@ class Paths:
         state.max_steps = max_steps
         self.handed = None
         if self._first_values is None:
-            arrays = [state.status, state.iterations, state.integrations, state.steps, state.known, state.halved, state.surprised]
-            arrays += [state.rough, state.misled, state.probed, state.doubted, state.step, state.goal, state.apart, state.points]
-            arrays += [state.levels, state.reference, state.expected, state.surprise, state.trial, state.middle, state.halfway]
-            self._first_values = [array.numpy() for array in arrays]
+            self._first_values = [getattr(state, name).numpy() for name in (*COUNTS, *PLACES)]
         for values in self._first_values:
             values.fill(0)
 
@@ -133,7 +131,9 @@ class Paths:
         most_step = np.where(first < 1, 1.0, TURN / np.maximum(problem.turning(), 1e-300) / finer)
         sure = (first < 1) | (not problem.may_jump)
         start = problem.guess() if unloaded is None else unloaded
+        self._brief[:] = finer == 1 and self._pace.may_be_brief()
         outcome = self.raise_from(chosen, start, safe_step / finer, most_step=most_step, growth=GROWTH / finer, sure=sure)
+        self._brief[:] = False
         if unloaded is None:
             outcome.integrations += chosen * problem.guess_integrations
         return outcome
@@ -249,6 +249,9 @@ class Paths:
         for name in ("iterations", "integrations", "steps", "halved", "surprised", "rough", "probed", "levels"):
             self._set(name, 0)
         self._set("known", known)
+        brief = chosen & self._brief
+        self._set("brief", brief)
+        self._set("coarsely", brief & (known == 0))  # what starts straight is integrated as well by any steps
         state.departing = int(known > 0)
 
     def _follow(self, *, integrated: bool = False) -> Outcome:
@@ -273,7 +276,7 @@ class Paths:
         """Integrations and launches until no instance is on its way; ``narrow`` is told how many are."""
         problem, state = self.problem, self.state
         if self._launch is None:
-            self._launch = record(self._make, problem.instance_count, [state, Calls(), 0], problem.device)
+            self._launch = record(self._make, problem.instance_count, [state, Calls(), Calls(), 0], problem.device)
         else:
             self._launch.set_param_at_index(0, state)
         launch = self._launch
@@ -282,15 +285,15 @@ class Paths:
             launch.launch()
             state.departing = 0
             launch.set_param_at_index(0, state)
-        remaining, rounds = 1, 0
+        remaining, rounds, unloaded = 1, 0, None
+        coarsely = self._in_place.get("coarsely") if self._get("brief").any() else None
         while remaining:
-            remaining = self._rounds.take(launch, self._eliminate, integrated=integrated)
+            remaining = self._rounds.take(launch, self._eliminate, integrated=integrated, coarsely=coarsely)
             integrated = False
-            if self.handed is not None:
-                if rounds == 0:
-                    unloaded = self._newton.gamma()
-                if remaining and (rounds + 1) % ROUNDS == 0:
-                    remaining -= self._give_up(unloaded)
+            if self.handed is not None and unloaded is None:
+                unloaded = self._newton.gamma()
+            if unloaded is not None and remaining and (rounds + 1) % ROUNDS == 0:
+                remaining -= self._give_up(unloaded)
             rounds += 1
             if remaining and rounds % ROUNDS == 0:
                 remaining -= self._end_long()
@@ -299,10 +302,12 @@ class Paths:
     def _repeat(self, calls: Struct) -> None:
         """The same for few instances: a kernel repeats both, ``ROUNDS`` times in two launches."""
         state = self.state
-        if self._loop is None or self._loop[0] is not calls:
-            self._loop = calls, tuple(record(self._make, 1, [state, calls, n], self.problem.device) for n in (1, ROUNDS - 1))
-            self._passed = None
-        first, others = self._loop[1]
+        coarse = self._pace.calls() if self._get("brief").any() else None
+        if self._loop is None or self._loop[0] is not calls or self._loop[1] is not coarse:
+            arguments = state, calls, coarse or Calls()
+            launches = tuple(record(self._make, 1, [*arguments, n], self.problem.device) for n in (1, ROUNDS - 1))
+            self._loop, self._passed = (calls, coarse, launches), None
+        first, others = self._loop[2]
         options = (state.by_inputs, state.dip, state.growth, state.max_steps)
         if state.by_inputs or options != self._passed:
             first.set_param_at_index(0, state)
@@ -356,19 +361,14 @@ class Paths:
         if problem.segments is None or problem.parts is None:
             return 0
         unknowns = self.state.points.numpy()[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))  # Frobenius: what multiplies a change, at most
-            steps = np.fmin((1 - level) / step, -np.log(level) / np.log1p(step / level))
-            full = size * (size / np.linalg.norm(unloaded, axis=1)) ** (1 / np.sqrt(level) - 1)
-            rounding = np.finfo(float).eps * full * np.abs(unknowns).max(axis=1)
-        creeping = active & (level > 0) & (steps > CREEPING) & (rounding > ROUNDED_OFF * self._tolerance())
-        self.handed |= creeping
-        self._set("status", np.where(creeping, Status.STALLED, self._get("status")))
-        self._set("active", active & ~creeping)
-        own = problem.read("unknowns")
-        own[creeping] = unknowns[creeping]
-        problem.write("unknowns", own)
-        return int(creeping.sum())
+        size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))  # Frobenius: what multiplies a change, at most
+        growth = size / np.linalg.norm(unloaded, axis=1)
+        given_up = active & creeping(level, step, size, growth, unknowns, self._tolerance())
+        self.handed |= given_up
+        self._set("status", np.where(given_up, Status.STALLED, self._get("status")))
+        self._set("active", active & ~given_up)
+        problem.write("unknowns", np.where(given_up[:, None], unknowns, problem.read("unknowns")))
+        return int(given_up.sum())
 
     def _end_long(self) -> int:
         """End those whose integrations take so many steps that they have had their part; how many there are.

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.kernels.warp_types import Array
 from multirod.launch import Launch
@@ -29,13 +31,23 @@ class Rounds:
             self._dim = self._problem.listed
             launch.set_dim(self._dim)
 
-    def take(self, launch: Launch, eliminate: Callable[[], None], *, integrated: bool = False) -> int:
-        """One round, without the integration where that has been done; how many are still on their way."""
+    def take(
+        self,
+        launch: Launch,
+        eliminate: Callable[[], None],
+        *,
+        integrated: bool = False,
+        coarsely: NDArray[np.int32] | None = None,
+    ) -> int:
+        """One round, without the integration where that has been done, by few steps of the integrator where ``coarsely`` is 1;
+        how many are still on their way."""
         if self.remaining is not None:
             self.remaining[0] = 0
         else:
             self._remaining.zero_()
-        if not integrated:
+        if not integrated and coarsely is not None:
+            self._problem.integrate_some_coarsely(coarsely)
+        elif not integrated:
             self._problem.integrate()
         eliminate()
         self.aim(launch)

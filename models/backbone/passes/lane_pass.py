@@ -78,6 +78,7 @@ class LanePass:
         heed: Called before each portion; may raise.
 
     Attributes:
+        features, columns: As given.
         listed: How many instances it passes over.
     """
 
@@ -96,6 +97,7 @@ class LanePass:
     ) -> None:
         self._call = call = own(call)
         self._heed = heed
+        self.features, self.columns = features, columns
         count = len(call.problem.order)
         portion = max(1, min(longest, count))
         lanes = width(precision, device)

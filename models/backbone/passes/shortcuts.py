@@ -10,6 +10,7 @@ import numpy as np
 from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.problem import FEW
+from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
@@ -62,7 +63,7 @@ def without_poses(problem: "BackboneProblem", call: Struct) -> Iterator[None]:
 
 
 def coarse(problem: "BackboneProblem") -> LanePass | None:
-    """The problem's own launch by fewer steps; None where that saves little, or tells little."""
+    """The problem's own launch by fewer steps, of the same kernel; None where that saves little, or tells little."""
     integrator = problem.integrator
     steps = integrator.steps or 0
     if (
@@ -74,4 +75,12 @@ def coarse(problem: "BackboneProblem") -> LanePass | None:
         return None
     call = problem.buffers.call()
     call.steps, call.step_multiple = float(-(-steps // COARSER)), 1.0
-    return problem.lane_pass(problem.features, call)
+    return problem.lane_pass(problem.launch.features, call, columns=problem.launch.columns)
+
+
+def coarse_turning(problem: "BackboneProblem") -> FloatArray:
+    """By how much rods turn in one of its steps: as they are at rest, as a load curls an end over ``L/sqrt(F L^2/EI)``,
+    as they are twisted, or as waves in a medium do [rad]."""
+    sizes, steps = problem.sizes, -(-(problem.integrator.steps or 1) // COARSER)
+    along = sizes.furthest_end() * sizes.curvature
+    return np.asarray(np.max([along, np.sqrt(problem.load_scale()), along * 0 + sizes.twist, sizes.waves()], axis=0) / steps)
