@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
+from multirod.batch import IntArray
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem
@@ -57,14 +58,14 @@ def _most(bent: FloatArray, arclength: FloatArray, jumps: FloatArray) -> FloatAr
     return np.asarray(most)
 
 
-def room(problem: BoundaryProblem, limits: Limits) -> FloatArray:
-    """What each limit of the shape leaves at the equilibria that the problem holds, >= 0 within: of the curvature, as a part of
-    its limit, then of the stability margin; shape (b, 1 or 2). NaN where it is not known."""
+def room(problem: BoundaryProblem, limits: Limits, rows: IntArray | None = None) -> FloatArray:
+    """What each limit of the shape leaves at the equilibria that the problem holds, of all or some, >= 0 within: of the curvature
+    as a part of its limit, then of the stability margin; shape (b, 1 or 2). NaN where it is not known."""
     left = []
     if limits.curvature is not None:
-        left.append(1 - largest_bending(problem) / limits.curvature)
+        left.append(1 - largest_bending(problem)[slice(None) if rows is None else rows] / limits.curvature)
     if limits.stability_margin is not None:
-        left.append(modes_of(problem).eigenvalue(0) - limits.stability_margin)
+        left.append(modes_of(problem, rows).eigenvalue(0) - limits.stability_margin)
     return np.stack(left, axis=1)
 
 

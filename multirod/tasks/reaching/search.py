@@ -5,7 +5,7 @@ import numpy as np
 from multirod.batch import IntArray
 from multirod.stability import Modes, modes_of
 from multirod.status import Status
-from multirod.tasks.controlling.shape_limits import largest_bending
+from multirod.tasks.controlling.shape_limits import room
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.reaching.drive import DriveArrays
@@ -192,21 +192,11 @@ class Search:
         """Stability margins of the equilibria at ``last``, NaN where not known, shape (len(rows),)."""
         return self.modes(rows).eigenvalue(0)
 
-    def bending(self, rows: IntArray) -> FloatArray:
-        """Largest curvature of any rod [1/m], shape (len(rows),)."""
-        problem = self.task.problem
-        self.task.write(self.last.x, self.last.p)
-        return np.asarray(largest_bending(problem)[rows])
-
     def room(self, rows: IntArray) -> FloatArray:
         """What limits of the shape leave at ``last``, as ``shape_limits.room`` has it, shape (len(rows), 1 or 2)."""
-        limits, left = self.goals.of_shape, []
-        assert limits is not None
-        if limits.curvature is not None:
-            left.append(1 - self.bending(rows) / limits.curvature)
-        if limits.stability_margin is not None:
-            left.append(self.margin(rows) - limits.stability_margin)
-        return np.stack(left, axis=1)
+        assert self.goals.of_shape is not None
+        self.task.write(self.last.x, self.last.p)
+        return room(self.task.problem, self.goals.of_shape, rows)
 
     def beyond(self, rows: IntArray) -> BoolArray:
         """Whether the shapes at ``last`` are beyond their limits, or not known to be within, shape (len(rows),)."""
