@@ -123,7 +123,8 @@ class Parts(ABC):
 
     @property
     def all_clamped(self) -> bool:
-        """Whether it clamps all rods: those that it leaves out may have modes of their own."""
+        """Whether clamps are what tells of all rods: else ends are asked first, and what it leaves out may have modes of its
+        own."""
         return self.may_be_clamped
 
     def clamped(self, instances: IntArray, pieces: int, times: int = 1) -> "BoundaryProblem":
@@ -305,7 +306,7 @@ class Clamps(ABC):
     directions of the problem, ``size`` of them.
 
     Attributes:
-        size: Moments of all clamps, three each.
+        size: Moments of all clamps, as many of each.
         unit: Moment of one unit of each [N m^2], shape (instance_count, size).
     """
 

@@ -10,6 +10,7 @@ from multirod.batch import IntArray, take
 from multirod.capabilities import Parts
 from multirod.integrators import AdaptiveIntegrator, Integrator
 from multirod.models.backbone.equal_steps import PER_RADIAN, STEPS, at_equal_steps, split
+from multirod.models.backbone.stability.clamps import moments_of_a_clamp
 from multirod.segments import taken
 
 if TYPE_CHECKING:
@@ -30,7 +31,18 @@ class BackboneParts(Parts):
 
     @property
     def may_be_clamped(self) -> bool:  # noqa: D102
+        return self.problem.may_be_clamped or self._may_be_twisted
+
+    @property
+    def all_clamped(self) -> bool:  # noqa: D102
         return self.problem.may_be_clamped
+
+    @property
+    def _may_be_twisted(self) -> bool:
+        """Whether concentric rods can be clamped that turn each other."""
+        terms, sizes = self.problem.features, self.problem.sizes
+        other = terms.eccentric or terms.world_force_is_state or terms.condition_count or terms.friction
+        return bool(terms.torque_count) and not (other or sizes.rigid_in_torsion)
 
     def clamped(self, instances: IntArray, pieces: int, times: int = 1) -> "BackboneProblem":  # noqa: D102
         return self._part(instances, self._followed(instances, times) or self.problem.integrator.in_double(), True, pieces)
@@ -80,7 +92,8 @@ class BackboneParts(Parts):
         arrays, inputs = whole.arrays.take(shape, instances), whole.inputs_given.take(shape, instances)
         options: ProblemOptions = {}
         if poses:  # by the kernel that tells stability
-            options = {"pose_sensitivities": True, "direction_count": 3 * (pieces - 1), "pieces": pieces, "telling": True}
+            moments = moments_of_a_clamp(whole.features) * (pieces - 1)
+            options = {"pose_sensitivities": True, "direction_count": moments, "pieces": pieces, "telling": True}
         result = whole.another(base, inputs, arrays, integrator, **options)
         result.stop = whole.stop
         result.judged_often = whole.judged_often

@@ -41,6 +41,7 @@ class Points:
         stiffness: ``K/L`` [N m], shape (k,).
         costless: How a turn that costs nothing turns what forces do work on, per radian, shape (k, m).
         settled: The unknowns of the problem without clamps, turned so to where it wants them [1/m], shape (k, n).
+        held: Turns that each clamp holds.
     """
 
     unknowns: FloatArray
@@ -56,6 +57,7 @@ class Points:
     stiffness: FloatArray
     costless: FloatArray | None = None
     settled: FloatArray | None = None
+    held: int = 3
 
     def __getitem__(self, row: int) -> "Point":
         return Point(self, row)
@@ -177,7 +179,7 @@ class Slopes:
         stiffness: ``K/L`` [N m], shape (k,).
         by_turns: How the gradient changes with them over ``K/L``, (2), shape (k, m, m): symmetric at an equilibrium.
         along: Slope in each mode over ``K/L``, shape (k, m).
-        clamps: Whose turns stand last among the displacements.
+        clamps: Whose turns stand last among the displacements, as many of each.
     """
 
     def __init__(self, points: Points) -> None:
@@ -208,6 +210,7 @@ class Slopes:
         self.facing = np.linalg.slogdet(np.where(fit[:, None, None], both, np.eye(n)))[0]
         self.along = (modes.swapaxes(1, 2) @ gradient[..., None])[..., 0] / points.stiffness[:, None]
         self.clamps: int = points.frames.shape[1] - 1
+        self._held = points.held
 
     def __getitem__(self, row: int) -> "Slope":
         return Slope(self, row)
@@ -216,7 +219,7 @@ class Slopes:
     def lowest(self) -> FloatArray:
         """The first eigenvalue, as if the place that its mode turns the most were turned by 1, shape (k,)."""
         count, m = self.values.shape
-        first = self.modes[:, m - 3 * self.clamps :, 0].reshape(count, -1, 3)
+        first = self.modes[:, m - self._held * self.clamps :, 0].reshape(count, -1, self._held)
         with np.errstate(divide="ignore"):  # of points that are not fit, whose modes say nothing
             return np.asarray(self.values[:, 0] / ((first**2).sum(axis=2).max(axis=1) if self.clamps else 1.0))
 

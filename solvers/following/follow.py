@@ -65,7 +65,7 @@ def follow(
     stability, parts = problem.stability, problem.parts
     if parts is None or stability is None:
         return lost
-    if stability.multistable and before is None and problem.joints is None and not parts.may_be_clamped:
+    if stability.multistable and before is None and problem.joints is None and not parts.all_clamped:
         return lost
     potential = stability.has_potential
     chosen = chosen & ((reached < 1) | (potential & (outcome.status == Status.UNSTABLE)))
@@ -270,8 +270,8 @@ class _Together:
         residual[part.buffer("fault") != 0] = np.nan
         self._steps[places] += np.maximum(self._each, part.buffer("step_count"))[places]
         more = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
-        own = (values[places] for values in more)
-        points = Points(unknowns[places], self.levels[places], residual[places], gamma[places], turns.forces, *own)
+        own, held = (values[places] for values in more), turns.clamps.size // (frames.shape[1] - 1)
+        points = Points(unknowns[places], self.levels[places], residual[places], gamma[places], turns.forces, *own, held=held)
         return {k: points[row] for row, k in enumerate(asked)}
 
     def _settle(self, asked: dict[int, Settle]) -> dict[int, tuple[FloatArray | None, int]]:

@@ -1,6 +1,6 @@
 """Rods clamped at places along them: every piece is integrated from the end of the one before it, and takes up a moment there.
 
-Equation (8) of ``docs/branches.md``.
+Numbers in parentheses are those of ``docs/branches.md``.
 """
 
 from dataclasses import replace
@@ -13,10 +13,12 @@ from multirod.batch import IntArray
 from multirod.capabilities import Clamps, Conjugates
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
+from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, residuals_of, unknowns_of
+from multirod.models.backbone.kernels.tips import as_far, longest
 from multirod.models.backbone.passes.lane_pass import deal, layout_of, threads, width
 from multirod.models.backbone.units import unit_stiffness
-from multirod.rotations import from_quaternions
+from multirod.rotations import from_quaternions, matrices
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -30,10 +32,18 @@ def clamped(backbones: "BackboneProblem") -> "ClampedBackbones":
     return chain
 
 
-class ClampedBackbones:
-    """Single rods of a ``BackboneProblem`` with clamps, as its ``launch``: it leaves in the problem's buffers what that does.
+def moments_of_a_clamp(features: Features) -> int:
+    """(8), (15) How many moments a clamp adds: that on all rods together, if they carry one, and the torque of each that turns
+    against the frame."""
+    return 3 * features.moment + features.torque_count
 
-    The moments of the clamps stand among the directions: so many columns of each instance, from a number of its own on.
+
+class ClampedBackbones:
+    """Rods of a ``BackboneProblem`` with clamps, as its ``launch``: it leaves in the problem's buffers what that does.
+
+    The moments of the clamps stand among the directions: so many columns of each instance, from a number of its own on. Each
+    clamp has ``each``: that on all rods together, in the axes of the frame there, if they carry one, and the torque of each rod
+    that turns against the frame. A rod that ends before a clamp is not held there: a spring of its own takes up that torque.
 
     Args:
         problem: With as many directions as all clamps have moments, and ``loads`` before them.
@@ -42,10 +52,11 @@ class ClampedBackbones:
         loads: Directions, from the first on, along which what acts along the rods changes.
 
     Attributes:
-        moments: That each clamp adds, in the axes of the rod there, over ``unit`` [1/m], shape (instance_count, pieces - 1, 3).
-        unit: Moment of one [N m^2], shape (instance_count, 3).
+        each: Moments of one clamp.
+        moments: That each clamp adds, over ``unit`` [1/m], shape (instance_count, pieces - 1, each).
+        unit: Moment of one [N m^2], shape (instance_count, each).
         turned: How each clamp is turned, in its own axes, by the unknowns, along the ``loads``, then by the moments of all
-            [rad m], shape (instance_count, pieces - 1, 3, n + loads + 3 (pieces - 1)).
+            [rad m], shape (instance_count, pieces - 1, each, n + loads + each (pieces - 1)).
         moved: How it moves, in the world [m^2], likewise.
         frames: Of the rod at each clamp in the world, shape (instance_count, pieces - 1, 3, 3).
         places: Where it is [m], shape (instance_count, pieces - 1, 3).
@@ -57,6 +68,12 @@ class ClampedBackbones:
         self._features = replace(problem.features, segment=True, nodes=False, node_columns=False, **options)
         self._state, variations = breakpoint_state(self._features), unknowns_of(self._features)
         self._turn, self._own, d = variations.places["rotation"], of_whole(variations), variations.size
+        self.each, every, states = moments_of_a_clamp(self._features), np.arange(d), np.arange(self._state.size)
+        # in what of a state clamps add to, how that varies, and which variations these work on
+        self._added = np.concatenate([states[self._state.places[name]] for name in ("moment", "torques")])
+        self._varied = np.concatenate([every[variations.places[name]] for name in ("moment", "torques")])
+        self._angles = every[variations.places["angles"]]
+        self._worked = np.append(every[self._turn][: 3 * self._features.moment], self._angles)
         count, device = problem.instance_count, problem.device
         self._call: Any = problem.buffers.call()
         m = residuals_of(variations).size
@@ -87,12 +104,35 @@ class ClampedBackbones:
             [problem.table, self._call, memory, segment],
             device,
         )
-        material = problem.each(problem.arrays.material[:, 0, 0])
-        self.unit: FloatArray = np.array(unit_stiffness(material))
-        clamps, columns = pieces - 1, problem.unknown_count + loads + 3 * (pieces - 1)
-        self.moments = np.zeros((count, clamps, 3))
-        self.turned, self.moved = np.zeros((2, count, clamps, 3, columns))
+        self.unit = self._units()
+        clamps, columns = pieces - 1, problem.unknown_count + loads + self.each * (pieces - 1)
+        self.moments = np.zeros((count, clamps, self.each))
+        self.turned, self.moved = np.zeros((count, clamps, self.each, columns)), np.zeros((count, clamps, 3, columns))
         self.frames, self.places = np.zeros((count, clamps, 3, 3)), np.zeros((count, clamps, 3))
+
+    def _units(self) -> FloatArray:
+        """``unit``: as (10) of docs/model.md has it."""
+        unit = np.array(unit_stiffness(self.problem.each(self.problem.arrays.material[:, :, 0])))
+        if unit.shape[1] == 1:
+            return np.array(unit[:, 0])
+        bending = self.problem.arrays.material[:, :, 0, :2].max(axis=2).sum(axis=1)
+        together = np.concatenate([np.repeat(self.problem.each(bending)[:, None], 2, axis=1), unit[:, 0, 2:]], axis=1)
+        torques = unit[:, unit.shape[1] - self._features.torque_count :, 2]
+        return np.concatenate([together[:, : 3 * self._features.moment], torques], axis=1)
+
+    def _edges(self) -> tuple[FloatArray, FloatArray]:
+        """Where pieces begin and end [m], shape (instance_count, pieces + 1), and which moments a clamp adds, the others being of
+        rods that have ended, (instance_count, pieces - 1, each). Of several rods, clamps stand where two are, as what turns them
+        against each other does."""
+        ends = self.problem.sizes.ends()
+        tip, of_two = ends.max(axis=1), ends[:, 0] if ends.shape[1] == 1 else np.minimum(ends[:, 0], np.sort(ends, axis=1)[:, -2])
+        edges = np.linspace(0.0, 1.0, self.pieces + 1) * of_two[:, None]
+        edges[:, -1] = tip
+        there = np.ones((len(ends), self.pieces - 1, self.each), dtype=bool)
+        if self._features.torque_count:
+            torques = slice(3 * self._features.moment, None)
+            there[..., torques] = ~as_far(edges[:, 1:-1, None], ends[:, None, ends.shape[1] - self._features.torque_count :])
+        return edges, there
 
     def set_dim(self, count: int) -> None:
         """All instances are integrated, however few are asked for."""
@@ -108,7 +148,7 @@ class ClampedBackbones:
         problem.heed_stop()
         own.unknowns.assign(unknowns)
         scale = np.broadcast_to(problem.table.length_scale.numpy(), count)
-        edges = np.linspace(0.0, 1.0, self.pieces + 1) * problem.sizes.ends()[:, :1]
+        edges, there = self._edges()
         state, frame_at = np.zeros((count, self._state.size)), self._state.places["frame"]
         columns = np.zeros((count, d, self.turned.shape[-1]))
         columns[:, self._own, range(n)] = 1.0
@@ -133,15 +173,20 @@ class ClampedBackbones:
             self.frames[:, piece] = base @ from_quaternions(state[:, frame_at])
             self.places[:, piece] = self._in_world(base, state)
             self.moved[:, piece] = base @ moved
-            self.turned[:, piece] = columns[:, self._turn] * scale[:, None, None]
-            state[:, :3] += self.unit * self.moments[:, piece]
-            first = n + self.loads + 3 * piece
-            columns[:, range(3), range(first, first + 3)] += 1.0
+            self.turned[:, piece] = columns[:, self._worked] * scale[:, None, None]
+            held, first = there[:, piece], n + self.loads + self.each * piece
+            state[:, self._added] += np.where(held, self.unit * self.moments[:, piece], 0.0)
+            columns[:, self._varied, range(first, first + self.each)] += held
+            self.turned[:, piece][~held] = 0.0
+            self.turned[:, piece, range(self.each), range(first, first + self.each)] -= np.where(held, 0.0, scale[:, None])
         frame = base @ from_quaternions(state[:, frame_at])
-        problem.write("rotation", frame.reshape(count, 9))
         problem.write("position", self._in_world(base, state))
-        turn = frame @ (columns[:, self._turn] * scale[:, None, None])
-        problem.pose_columns.assign(self._by_all(np.concatenate([base @ moved, turn], axis=1)))
+        if self._features.turning_count:
+            self._write_turned(frame, state, columns, base @ moved, scale)
+        else:
+            problem.write("rotation", frame.reshape(count, 9))
+            turn = frame @ (columns[:, self._turn] * scale[:, None, None])
+            problem.pose_columns.assign(self._by_all(np.concatenate([base @ moved, turn], axis=1)))
         if problem.held:
             problem.tip_wrench.assign(wrench.values.numpy())
             problem.wrench_columns.assign(self._by_all(self._onward(wrench.columns.numpy(), begin)))
@@ -152,6 +197,22 @@ class ClampedBackbones:
             problem.write("gamma", gamma[..., :n].reshape(count, n * n))
             problem.residual_directions.assign(self._by_all(gamma)[..., n:])
         problem.fault.assign(fault)
+
+    def _write_turned(
+        self, frame: FloatArray, state: FloatArray, columns: FloatArray, moved: FloatArray, scale: FloatArray
+    ) -> None:
+        """The pose of several rods: that of the one that ends at the tip, and how each turns against the frame."""
+        problem, count = self.problem, len(frame)
+        angles = np.pad(state[:, self._state.places["angles"]], ((0, 0), (1, 0)))
+        by_angles = np.pad(columns[:, self._angles] * scale[:, None, None], ((0, 0), (1, 0), (0, 0)))
+        own, rows = longest(problem.sizes.ends()), np.arange(count)
+        turn = columns[:, self._turn] * scale[:, None, None]
+        turn[:, 2] += by_angles[rows, own]
+        problem.write("rotation", (frame @ matrices(angles[rows, own, None] * [0.0, 0.0, 1.0])).reshape(count, 9))
+        result = np.zeros(problem.angle_columns.shape)
+        result[..., :-1] = self._by_all(np.concatenate([moved, frame @ turn, by_angles[:, 1:]], axis=1))
+        result[:, 6:, -1] = angles[:, 1:]
+        problem.angle_columns.assign(result)
 
     def _onward(self, found: FloatArray, begin: FloatArray) -> FloatArray:
         """Columns at the end of a piece, which has ``found`` them by the state where it begins, then along the loads."""
@@ -182,9 +243,9 @@ class BackboneClamps(Clamps):
 
     def __init__(self, problem: "BackboneProblem", chain: ClampedBackbones) -> None:
         self.problem, self._chain = problem, chain
-        count, each = problem.instance_count, chain.pieces - 1
-        self.size = 3 * each
-        self.unit = np.broadcast_to(chain.unit[:, None], (count, each, 3)).reshape(count, self.size)
+        count, clamps = problem.instance_count, chain.pieces - 1
+        self.size = chain.each * clamps
+        self.unit = np.broadcast_to(chain.unit[:, None], (count, clamps, chain.each)).reshape(count, self.size)
 
     @property
     def pairs(self) -> Conjugates:  # noqa: D102

@@ -1,11 +1,13 @@
 # mypy: ignore-errors
-"""The kernel that integrates segments of backbones of one rod, each from a given state, with columns by that state.
+"""The kernel that integrates segments of backbones, each from a given state, with columns by that state.
 
 Numbers in parentheses are those of ``docs/model.md``. A segment begins and ends at any arclength; several, end to end, carry the
-rod (``docs/solvers.md``). The unknowns of a segment are the variations of its first state: the moment in the units of (10), the
-rotation over the rod's length, where loads depend on it the position, lengths of lines and what friction leaves of them, (5)
-there; then what is the same all along: tensions in the units of (L7) of ``docs/lines.md`` and, where something follows the tip,
-the base force in the units of (13). Where loads' forces depend on the configuration, that is the force where the segment begins.
+rods (``docs/solvers.md``). The unknowns of a segment are the variations of its first state: the moment in the units of (10), of
+several rods their torques likewise, the rotation over the rod's length and the angles of several rods likewise, where loads
+depend on it the position, lengths of lines and what friction leaves of them, (5) there; then what is the same all along: tensions
+in the units of (L7) of ``docs/lines.md`` and, where something follows the tip, the base force in the units of (13). Where loads'
+forces depend on the configuration, that is the force where the segment begins. A segment of several rods that begins at their
+base varies by their unknowns, of which a torque twists its rod behind the plate too.
 """
 
 from functools import cache
@@ -15,6 +17,7 @@ import warp as wp
 
 from multirod.integrators import Tableau
 from multirod.kernels.own_module import own_module
+from multirod.models.backbone.kernels.instance import section_unit
 from multirod.models.backbone.kernels.integration.walk import make_carry, make_parts
 from multirod.models.backbone.kernels.layout.arguments import FAULT, OUTPUT, STOP, Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.features import Features
@@ -72,7 +75,10 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     length_unit, length_place = conditions.length_unit, conditions.length_place
     GRIPS, GRIPS_AT = features.grip_count, s_["grips"]  # a column's stands alike
     b_, M_AT = breakpoint_state(features), s_["moment"]  # a column's stands alike
-    MOMENT_IN, FRAME_IN, POSITION_IN, LENGTHS_IN, GRIPS_IN, WORLD_IN = (b_[name] for name in b_.named)
+    MOMENT_IN, FRAME_IN, POSITION_IN, ANGLES_IN, TORQUES_IN, LENGTHS_IN, GRIPS_IN, WORLD_IN = (b_[name] for name in b_.named)
+    MOMENT, TUBES, FIRST, ANGLES, TORQUES = layout.MOMENT, layout.TUBES, layout.FIRST, features.turning_count, layout.TORQUES
+    THETA_AT, TAU_AT, TWISTED, FORCE_UNKNOWN = s_["angles"], s_["torques"], layout.seed("torques"), features.base_force_unknown
+    TURNED = layout.unknowns.places["angles"].start
     BENT, TURN, LONGER, GRIP = (layout.seed(name) for name in ("moment", "frame", "lengths", "grips"))
     PLACE, PUSHED = layout.unknowns["place"], layout.seed("force")  # variations by them
     WORLD_AT, WORLD_STATE, BY_PLACE = s_["world_force"], layout.WORLD_STATE, features.loads_by_place
@@ -101,12 +107,18 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             seg.state[t, wp.static(FRAME_IN + 2)],
             seg.state[t, wp.static(FRAME_IN + 3)],
         )
-        M = wp.vec3d(seg.state[t, MOMENT_IN], seg.state[t, wp.static(MOMENT_IN + 1)], seg.state[t, wp.static(MOMENT_IN + 2)])
-        if wp.static(FIXED):
-            M = rotate(q, M)
+        if wp.static(MOMENT):
+            M = wp.vec3d(seg.state[t, MOMENT_IN], seg.state[t, wp.static(MOMENT_IN + 1)], seg.state[t, wp.static(MOMENT_IN + 2)])
+            if wp.static(FIXED):
+                M = rotate(q, M)
+            for j in range(3):
+                y[M_AT + j] = M[j]
         for j in range(3):
-            y[M_AT + j] = M[j]
             y[P_AT + j] = seg.state[t, POSITION_IN + j]
+        for i in range(wp.static(ANGLES)):
+            y[wp.static(THETA_AT) + i] = seg.state[t, wp.static(ANGLES_IN) + i]
+        for i in range(wp.static(TORQUES)):
+            y[wp.static(TAU_AT) + i] = seg.state[t, wp.static(TORQUES_IN) + i]
         for j in range(4):
             y[Q_AT + j] = q[j]
         if wp.static(FORCE_STATE):
@@ -126,14 +138,30 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
 
     @wp.func
     def varied(rods: wp.ref[RodTable], case: wp.ref[Instance], base: wp.vec4d, y: State, known: Column, k: int) -> Column:
-        """(15), (18b) Column k by what varies where a segment begins: the moment, the rotation, the position along the axes of
-        the rod at its ``base``, a length or a grip.
+        """(15), (18b) Column k by what varies where a segment begins: the moment, a torque, the rotation, an angle, the position
+        along the axes of the rod at its ``base``, a length or a grip.
         """
         v = known
         q = frame(y)
+        if wp.static(TUBES):
+            unit = unknown_unit(rods, case)
+            v = Column()
+            for i in range(wp.static(ANGLES)):
+                if k == wp.static(TURNED) + i:
+                    v[wp.static(THETA_AT) + i] = case.scale
+            for i in range(wp.static(TORQUES)):
+                if k == wp.static(TWISTED) + i:
+                    own = section_unit(rods, case, i + wp.static(FIRST), 0)
+                    v[wp.static(TAU_AT) + i] = f64(1.0) / own[2]
         dM = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
-        if k >= wp.static(BENT) and k < wp.static(BENT + 3):
-            dM = wp.vec3d(known[M_AT], known[M_AT + 1], known[M_AT + 2])
+        if wp.static(MOMENT):
+            if k >= wp.static(BENT) and k < wp.static(BENT + 3):
+                if wp.static(TUBES):
+                    for j in range(3):
+                        if k == wp.static(BENT) + j:
+                            dM[j] = f64(1.0) / unit[j]
+                else:
+                    dM = wp.vec3d(known[M_AT], known[M_AT + 1], known[M_AT + 2])
         dq = wp.vec4d(f64(0.0), f64(0.0), f64(0.0), f64(0.0))
         if k >= wp.static(TURN) and k < wp.static(TURN + 3):
             e = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
@@ -146,8 +174,9 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         if wp.static(FIXED):
             m = wp.vec3d(y[M_AT], y[M_AT + 1], y[M_AT + 2])
             dM = rotate(q, dM) + wp.cross(axes_rotation(q, dq), m)
-        for j in range(3):
-            v[M_AT + j] = dM[j]
+        if wp.static(MOMENT):
+            for j in range(3):
+                v[M_AT + j] = dM[j]
         for i in range(wp.static(CONDITIONS)):
             if k == wp.static(LONGER) + i:
                 v[length_place(i)] = length_unit(rods, case, i)
@@ -195,12 +224,18 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             v, dn = base_column(rods, call, case, b, k)
             if wp.static(COLUMN_FRAME):
                 if k < call.unknown_columns:
-                    if wp.static(FIXED):  # the moment's columns as the frame sees them
-                        for j in range(3):
-                            v[M_AT + j] = f64(0.0)
-                            if k == wp.static(BENT) + j:
-                                v[M_AT + j] = f64(1.0) / b.unit[j]
-                    v = varied(rods, case, b.q, y, v, k)
+                    if wp.static(TUBES):
+                        if given:
+                            v = varied(rods, case, b.q, y, v, k)
+                            if k < wp.static(PUSHED):  # which at the base turns the force with the rods
+                                dn = wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+                    else:
+                        if wp.static(FIXED):  # the moment's columns as the frame sees them
+                            for j in range(3):
+                                v[M_AT + j] = f64(0.0)
+                                if k == wp.static(BENT) + j:
+                                    v[M_AT + j] = f64(1.0) / b.unit[j]
+                        v = varied(rods, case, b.q, y, v, k)
                 else:
                     if given:
                         # what directions vary is known where the segment begins
@@ -262,7 +297,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         y = state_in(case, memory, o, l)
         ends = find_ends(rods, call, case, s)
         n_end = force_at(call, p)
-        if wp.static(WORLD_STATE or BY_PLACE):
+        if wp.static(WORLD_STATE or BY_PLACE or (TUBES and FORCE_UNKNOWN)):
             base = make_base_of(rods, call, case)
         if wp.static(WORLD_STATE):
             n_end = wp.vec3d(y[WORLD_AT], y[WORLD_AT + 1], y[WORLD_AT + 2])
@@ -270,11 +305,18 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         unit = unknown_unit(rods, case)
         total = f64(0.0)
         if job % call.parts == 0:
-            M = body_moment(y)
+            if wp.static(MOMENT):
+                M = body_moment(y)
+                for j in range(3):
+                    seg.end_state[t, MOMENT_IN + j] = M[j]
+                    total += wp.abs(M[j])
             for j in range(3):
-                seg.end_state[t, MOMENT_IN + j] = M[j]
                 seg.end_state[t, POSITION_IN + j] = y[P_AT + j]
-                total += wp.abs(M[j])
+            for i in range(wp.static(ANGLES)):
+                seg.end_state[t, wp.static(ANGLES_IN) + i] = y[wp.static(THETA_AT) + i]
+            for i in range(wp.static(TORQUES)):
+                seg.end_state[t, wp.static(TORQUES_IN) + i] = y[wp.static(TAU_AT) + i]
+                total += wp.abs(y[wp.static(TAU_AT) + i])
             for j in range(4):
                 seg.end_state[t, FRAME_IN + j] = q[j]
             for i in range(wp.static(CONDITIONS)):
@@ -303,10 +345,17 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             for i in range(wp.static(VARIED)):  # tensions and the base force stay
                 seg.columns[t, i, k] = wp.where(i == k, f64(1.0), f64(0.0))
             for j in range(3):
-                seg.columns[t, wp.static(BENT) + j, k] = unit[j] * dM[j]
+                if wp.static(MOMENT):
+                    seg.columns[t, wp.static(BENT) + j, k] = unit[j] * dM[j]
                 seg.columns[t, wp.static(TURN) + j, k] = turn[j]
                 seg.columns[t, wp.static(VARIED) + j, k] = v[wp.static(DP_AT) + j]
                 total += wp.abs(dM[j])
+            for i in range(wp.static(ANGLES)):
+                seg.columns[t, wp.static(TURNED) + i, k] = v[wp.static(THETA_AT) + i] / case.scale
+            for i in range(wp.static(TORQUES)):
+                own = section_unit(rods, case, i + wp.static(FIRST), 0)
+                seg.columns[t, wp.static(TWISTED) + i, k] = own[2] * v[wp.static(TAU_AT) + i]
+                total += wp.abs(v[wp.static(TAU_AT) + i])
             for i in range(wp.static(CONDITIONS)):
                 seg.columns[t, wp.static(LONGER) + i, k] = v[length_place(i)] / length_unit(rods, case, i)
             for i in range(wp.static(GRIPS)):
@@ -314,6 +363,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
             dn = force_column_in(case, memory, o, l, c)
             if wp.static(WORLD_STATE):
                 dn = wp.vec3d(v[WORLD_AT], v[WORLD_AT + 1], v[WORLD_AT + 2])
+            if wp.static(WORLD_STATE or (TUBES and FORCE_UNKNOWN)):
                 pushed = rotate_inverse(base.q, dn) / base_force_unit(rods, case)
                 for j in range(3):
                     seg.columns[t, wp.static(PUSHED) + j, k] = pushed[j]

@@ -178,4 +178,5 @@ class Features:
     def unknown_count(self) -> int:
         """Unknowns of an instance; of a segment, variations where it begins."""
         count = 3 * (self.moment + self.base_force_unknown) + self.torque_count + self.condition_count
-        return count + (3 + 3 * self.loads_by_place + self.condition_count + self.grip_count) * self.segment
+        more = 3 + self.turning_count + 3 * self.loads_by_place + self.condition_count + self.grip_count
+        return count + more * self.segment

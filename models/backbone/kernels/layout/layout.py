@@ -34,6 +34,7 @@ def unknowns_of(features: Features, *, moment: bool | None = None, force: bool |
             Slot("moment", 3 * moment, "1/length", residual=lacking[0]),
             Slot("torques", features.torque_count, "1/length", residual="torques"),  # of rods that turn against the frame
             Slot("rotation", 3 * segment, "1/length"),
+            Slot("angles", features.turning_count * segment, "1/length"),  # of rods against the frame
             Slot("place", 3 * segment * features.loads_by_place, "1/length"),  # of a segment, where loads depend on it
             Slot("lengths", conditions * segment, "1/length"),  # of members whose drive is unknown, up to a segment
             Slot("grips", grips * segment, "1/length"),  # what friction leaves of drives there
@@ -62,9 +63,11 @@ def breakpoint_state(features: Features) -> Record:
     """The state where a segment begins, in the body frame and the frame of the base; its seeds are what varies there."""
     return Record(
         [
-            Slot("moment", 3, "moment", seed="moment"),
+            Slot("moment", 3 * features.moment, "moment", seed="moment"),
             Slot("frame", 4, seed="rotation"),
             Slot("position", 3, "length", seed="place"),
+            Slot("angles", features.turning_count, seed="angles"),
+            Slot("torques", features.torque_count, "moment", seed="torques"),
             Slot("lengths", features.condition_count, "length", seed="lengths"),  # of members whose drive is unknown
             Slot("grips", features.grip_count, seed="grips"),  # what friction has left of drives
             Slot("world_force", 3 * features.world_force_is_state, "force", seed="force"),  # n, along the axes of the base
