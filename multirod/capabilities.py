@@ -118,18 +118,23 @@ class Parts(ABC):
 
     @property
     def may_be_clamped(self) -> bool:
-        """Whether ``clamped`` is offered."""
+        """Whether ``clamped`` is offered wherever branches end; several rods on one line may be clamped in motions alone."""
         return False
 
     @property
     def all_clamped(self) -> bool:
-        """Whether clamps are what tells of all rods: else ends are asked first, and what it leaves out may have modes of its
-        own."""
+        """Whether it clamps all rods so: those that it leaves out may have modes of their own."""
         return self.may_be_clamped
 
-    def clamped(self, instances: IntArray, pieces: int, times: int = 1) -> "BoundaryProblem":
-        """A problem of these instances, (k,), with ``clamps`` that cut each rod that can be into so many pieces, as exact as
-        it can be and with the columns of the pose, at as many steps as ``followed``."""
+    @property
+    def clampings(self) -> int:
+        """In how many ways ``clamped`` can, each with more rods than the one before it; the first is the one that may be wherever
+        branches end, if any may."""
+        return int(self.may_be_clamped)
+
+    def clamped(self, instances: IntArray, pieces: int, times: int = 1, clamping: int = 0) -> "BoundaryProblem":
+        """A problem of these instances, (k,), with ``clamps`` that cut each rod that can be, by one of the ``clampings``, into so
+        many pieces, as exact as it can be and with the columns of the pose, at as many steps as ``followed``."""
         raise NotImplementedError(f"{type(self).__name__} does not clamp rods")
 
 
@@ -306,12 +311,18 @@ class Clamps(ABC):
     directions of the problem, ``size`` of them.
 
     Attributes:
-        size: Moments of all clamps, as many of each.
+        size: Moments of all clamps.
+        first: The first of each clamp, shape (clamp,).
         unit: Moment of one unit of each [N m^2], shape (instance_count, size).
     """
 
     size: int
     unit: FloatArray
+
+    @property
+    def first(self) -> IntArray:
+        """As said: three of each clamp, if not otherwise."""
+        return np.arange(0, self.size, 3)
 
     @property
     @abstractmethod

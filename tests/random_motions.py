@@ -15,7 +15,7 @@ from tube_leg_energy import TubeLeg, TubeOnNodes
 
 import multirod as mr
 
-KINDS = ("rods", "held", "tubes", "legs", "tube legs")
+KINDS = ("rods", "held", "tubes", "legs", "tube legs", "strong tubes")
 DURATION = 10.0  # [s]
 SEGMENTS = 32
 JOINTS = ("clamped", "spherical", "revolute")
@@ -54,7 +54,7 @@ class Motion:
     Attributes:
         robot: Of the package.
         lengths: Of the legs, or of the only rod.
-        sections: Of each leg, the rod first that carries the other, if any.
+        sections: Of each leg, the rod first that carries the others, if any.
         base: Poses of the bases, (leg, 4, 4).
         platform: Of the attachments.
         joints: Of each leg.
@@ -95,11 +95,11 @@ class Motion:
             rest = first.rest() * length
             own = (1.0, first.stiffness / EI, axial, rest, np.eye(4), end, self.joints[k], self.axes[k], frames, stretch)
             if others:
-                (sleeve,) = others
-                turned = np.array(solution.rod(number + 1, nodes=sleeve.reach + 1).rotation)
-                relative = np.swapaxes(frames[: sleeve.reach + 1], 1, 2) @ turned
-                angle = np.unwrap(np.arctan2(relative[:, 1, 0], relative[:, 0, 0]))
-                angles = (np.zeros(0), angle)
+                angles = [np.zeros(0)]
+                for place, sleeve in enumerate(others, number + 1):
+                    turned = np.array(solution.rod(place, nodes=sleeve.reach + 1).rotation)
+                    relative = np.swapaxes(frames[: sleeve.reach + 1], 1, 2) @ turned
+                    angles.append(np.unwrap(np.arctan2(relative[:, 1, 0], relative[:, 0, 0])))
                 tubes = [
                     TubeOnNodes(np.tile(tube.stiffness / EI, (tube.reach, 1)), tube.rest() * length, 0.0, 0.0, turns)
                     for tube, turns in zip(self.sections[k], angles, strict=True)
@@ -130,7 +130,8 @@ class Motion:
             leg.frames[0] = leg.base[:3, :3]
             leg.length = (self.lengths[k] + pushed[number]) / length
             if isinstance(leg, TubeLeg):  # its base turns with the first tube
-                leg.others[0].turned = turned[number + 1] - turned[number]
+                for place, tube in enumerate(leg.others, number + 1):
+                    tube.turned = turned[place] - turned[number]
             leg.__post_init__()
             number += len(self.sections[k])
         if self.end is not None:
@@ -145,7 +146,8 @@ def draw(kind: str, number: int, seed: int = 0) -> Motion:
     """One motion of a kind."""
     rng = np.random.default_rng([seed, KINDS.index(kind), number])
     length, EI = log_uniform(rng, 0.05, 0.8), log_uniform(rng, 1e-3, 1)
-    return {"rods": _rods, "held": _held, "tubes": _tubes, "legs": _legs, "tube legs": _tube_legs}[kind](rng, length, EI)
+    made = {"rods": _rods, "held": _held, "tubes": _tubes, "legs": _legs, "tube legs": _tube_legs, "strong tubes": _strong_tubes}
+    return made[kind](rng, length, EI)
 
 
 def _wave(rng, amplitude):
@@ -213,6 +215,24 @@ def _tubes(rng, length, EI):
         "tip_force": _wave(rng, rng.uniform(0, 4) * EI / length**2 * direction(rng)),
     }
     return _alone(robot, length, sections, waves)
+
+
+def _strong_tubes(rng, length, EI):
+    """Two to four tubes, straight for up to half of their length and strongly curved behind, so that they snap though their tips
+    are held; turned in each other, half of them pulled."""
+    count, straight = int(rng.integers(2, 5)), int(rng.integers(0, SEGMENTS // 2))
+    reach = np.append(SEGMENTS, np.sort(rng.integers(3 * SEGMENTS // 4, SEGMENTS + 1, count - 1))[::-1])
+    stiff, shape = EI * np.exp(rng.uniform(-0.5, 0.7, count)), rng.uniform(0.5, 1, count)
+    torsion = stiff * rng.uniform(0.6, 0.9, count)
+    driven = shape[0] * shape[1] * stiff[0] * stiff[1] / (stiff[0] + stiff[1]) * (1 / torsion[0] + 1 / torsion[1])
+    bend = rng.uniform(1.5, 5) / np.sqrt(driven) / (length * (reach[1] - straight) / SEGMENTS)
+    sections = [
+        Section(np.array([EI_i, EI_i, GJ]), np.array([bend * part, 0, 0]), straight, int(end))
+        for EI_i, GJ, part, end in zip(stiff, torsion, shape, reach, strict=True)
+    ]
+    force = rng.uniform(0, 3) * EI / length**2 * direction(rng) * (rng.random() < 0.5)
+    waves = {"rotation": _wave(rng, rng.uniform(2, 9, count)), "tip_force": _wave(rng, force)}
+    return _alone(mr.ConcentricTubes([section.rod(length) for section in sections]), length, sections, waves)
 
 
 def _ring(rng, count, radius, tilt):

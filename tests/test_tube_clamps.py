@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from creeping_tubes import CreepingTubes, Curved
+from random_motions import DURATION, draw
 
 import multirod as mr
 from multirod.solvers.following.descent import ClampedTurns
@@ -163,3 +164,58 @@ def test_clamps_end_within_the_integrations_that_are_allowed():
     assert few.status[snapped] == mr.Status.INTEGRATION_LIMIT
     assert few.integrations[snapped] <= needed // 2 + 10  # those that judge come on top
     np.testing.assert_array_equal(few.tip_position[:snapped], free.tip_position[:snapped])
+
+
+def test_legs_of_tubes_in_pieces_are_the_legs_and_vary_as_they_say():
+    """The same of a platform on legs of tubes, which twist behind their plates: their tips are held."""
+    rod = {"bending_stiffness": 1.0, "torsional_stiffness": 0.8}
+    pair = [mr.Rod(length=1.0, precurvature=(2.0, 0, 0), **rod), mr.Rod(length=0.8, precurvature=(1.5, 0.5, 0), **rod)]
+    base, platform = np.tile(np.eye(4), (2, 3, 1, 1))
+    base[:, :2, 3], platform[:, :2, 3] = [(0.3, 0), (-0.2, 0.2), (-0.1, -0.3)], [(0.2, 0), (-0.1, 0.1), (-0.1, -0.2)]
+    legs = [mr.ConcentricTubes(pair), mr.ConcentricTubes(pair), mr.Rod(length=1.0, **rod)]
+    robot = mr.ParallelRods(legs=legs, base=base, platform=platform, joints=["clamped", "spherical", "clamped"])
+    inputs = robot.inputs(
+        rotation=(0.3, 1.0, -0.4, 0.8, 0.1), translation=(-0.1, -0.05, -0.1, -0.02, 0), tip_force=(0.3, 0.2, -0.5)
+    )
+    problem = robot.problem(inputs, integrator=mr.RK4(steps=60))
+    assert problem.parts.clampings == 2  # the single rod alone, then all
+    sizes = [problem.parts.clamped(np.array([0]), PIECES, 1, clamping).clamps.size for clamping in (0, 1)]
+    assert sizes == [(PIECES - 1) * 3, (PIECES - 1) * (4 + 4 + 3)]
+    part, whole = problem.parts.clamped(np.array([0]), PIECES, 1, 1), problem.parts.followed(np.array([0]))
+    turns, n = ClampedTurns(part), problem.unknown_count
+    unknowns = problem.guess() + 0.1 * np.random.default_rng(2).normal(size=(1, n))
+    whole.write("unknowns", unknowns)
+    whole.integrate()
+
+    def at(values):
+        turns.put(values)
+        part.integrate()
+        return tuple(found[0].copy() for found in turns.after(values))
+
+    residual, gamma, _, _ = at(np.pad(unknowns, ((0, 0), (0, sizes[1]))))
+    # equal steps over pieces are not those over whole legs
+    np.testing.assert_allclose(residual[:n], whole.read("residual")[0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(gamma[:n, :n], whole.read("gamma")[0].reshape(n, n), rtol=0, atol=1e-5)
+    values = np.concatenate([unknowns, 0.2 * np.random.default_rng(6).normal(size=(1, sizes[1]))], axis=1)
+    _, gamma, _, turned = at(values)
+    eps = 1e-5
+    for k in range(values.shape[1]):
+        there, back = (at(values + sign * eps * np.eye(values.shape[1])[k]) for sign in (1, -1))
+        np.testing.assert_allclose((there[0] - back[0]) / (2 * eps), gamma[:, k], rtol=0, atol=1e-6)
+    assert np.linalg.matrix_rank(turned) == values.shape[1]  # no turn is told twice
+
+
+def test_legs_of_tubes_that_snap_though_their_tips_are_held_go_where_creeping_ones_come_to_rest():
+    """This was ``BRANCH_END`` at its sixth sample."""
+    motion, time = draw("tube legs", 14, 13), np.linspace(0, DURATION, 41)[:7]
+    inputs = motion.robot.inputs(**motion.at(time))
+    history = mr.simulate(motion.robot, inputs, time=time, solver=mr.Shooting(integrator=mr.RK4(50)))
+    assert not history.failed.any()
+    assert (history.stability == mr.Stability.STABLE).all()
+    (snapped,) = np.flatnonzero(history.status == mr.Status.SNAPPED)
+    energy = motion.on_segments(history[snapped - 1], time[snapped - 1])
+    for now in np.linspace(time[snapped - 1], time[snapped], 9):
+        motion.place(energy, now)
+        assert energy.creep()
+    off = np.linalg.norm(energy.position - history.tip_position[snapped] / motion.length)
+    assert off < 0.02  # of legs on 32 segments

@@ -88,6 +88,6 @@ class PartsAtEqualSteps(Parts, Generic[P]):
         integrator = self._at_equal_steps(instances, times) or self._integrator.in_double()
         return self._part(instances, integrator, poses=True)
 
-    def clamped(self, instances: IntArray, pieces: int, times: int = 1) -> P:  # noqa: D102
+    def clamped(self, instances: IntArray, pieces: int, times: int = 1, clamping: int = 0) -> P:  # noqa: D102
         integrator = self._at_equal_steps(instances, times) or self._integrator.in_double()
         return self._part(instances, integrator, poses=True, pieces=pieces)

@@ -31,11 +31,11 @@ class BackboneParts(Parts):
 
     @property
     def may_be_clamped(self) -> bool:  # noqa: D102
-        return self.problem.may_be_clamped or self._may_be_twisted
+        return self.problem.may_be_clamped
 
     @property
-    def all_clamped(self) -> bool:  # noqa: D102
-        return self.problem.may_be_clamped
+    def clampings(self) -> int:  # noqa: D102
+        return int(self.may_be_clamped or self._may_be_twisted)
 
     @property
     def _may_be_twisted(self) -> bool:
@@ -44,7 +44,9 @@ class BackboneParts(Parts):
         other = terms.eccentric or terms.world_force_is_state or terms.condition_count or terms.friction
         return bool(terms.torque_count) and not (other or sizes.rigid_in_torsion)
 
-    def clamped(self, instances: IntArray, pieces: int, times: int = 1) -> "BackboneProblem":  # noqa: D102
+    def clamped(  # noqa: D102
+        self, instances: IntArray, pieces: int, times: int = 1, clamping: int = 0
+    ) -> "BackboneProblem":
         return self._part(instances, self._followed(instances, times) or self.problem.integrator.in_double(), True, pieces)
 
     def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102

@@ -1,6 +1,7 @@
 """What the boundary problem of a parallel robot offers beside its equations."""
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,16 +31,37 @@ class PlatformParts(PartsAtEqualSteps["ParallelProblem"]):
         return not self.problem.inverse and any(group.backbones.may_be_clamped for group in self.problem.groups)
 
     @property
+    def clampings(self) -> int:  # noqa: D102
+        return len(self._clampings)
+
+    @cached_property
+    def _clampings(self) -> list[set[int]]:
+        """Legs that are clamped: single rods; then those of several rods too."""
+        if self.problem.inverse:
+            return []
+        some = {leg for group in self.problem.groups if group.backbones.may_be_clamped for leg in group.members}
+        every = {leg for group in self.problem.groups if group.backbones.parts.clampings for leg in group.members}
+        return [legs for legs in (some, every) if legs and not (legs is every and every == some)]
+
+    @property
     def all_clamped(self) -> bool:  # noqa: D102
         return not self.problem.inverse and all(group.backbones.may_be_clamped for group in self.problem.groups)
 
-    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> "ParallelProblem":
+    def clamped(  # noqa: D102
+        self, instances: IntArray, pieces: int, times: int = 1, clamping: int = 0
+    ) -> "ParallelProblem":
+        integrator = self._at_equal_steps(instances, times) or self._integrator.in_double()
+        return self._part(instances, integrator, poses=True, pieces=pieces, clamping=clamping)
+
+    def _part(
+        self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1, clamping: int = 0
+    ) -> "ParallelProblem":
         geometry, inputs = (
             self.problem.geometry.take(self.problem.batch_shape, instances),
             self.problem.inputs_given.take(self.problem.batch_shape, instances),
         )
         options = {**self.problem.options, **({"pose_sensitivities": True} if poses else {})}
-        clamped = {leg for group in self.problem.groups if group.backbones.may_be_clamped for leg in group.members}
+        clamped = self._clampings[clamping] if pieces > 1 else set()
         cut = [pieces if leg in clamped else 1 for leg in range(len(geometry.legs))]
         result = type(self.problem)(geometry, inputs, integrator=integrator, pieces=cut, **options)
         result.stop = self.problem.stop

@@ -72,7 +72,8 @@ class ParallelProblem(BoundaryProblem):
         pieces: Sequence[int] = (),
     ) -> None:
         self.pieces = np.array(pieces or [1] * len(geometry.legs))
-        self.first_moment = 3 * np.cumsum([0, *(self.pieces - 1)])  # of each leg, and how many there are
+        each = [2 + leg.rod_count for leg in geometry.legs]  # (15) of docs/branches.md
+        self.first_moment = np.cumsum([0, *(each * (self.pieces - 1))])  # of each leg, and how many there are
         self.cut = bool(self.first_moment[-1])
         if self.cut:
             direction_count = int(self.first_moment[-1])

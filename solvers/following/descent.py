@@ -41,7 +41,8 @@ class Points:
         stiffness: ``K/L`` [N m], shape (k,).
         costless: How a turn that costs nothing turns what forces do work on, per radian, shape (k, m).
         settled: The unknowns of the problem without clamps, turned so to where it wants them [1/m], shape (k, n).
-        held: Turns that each clamp holds.
+        clamps: Where those of each clamp stand among what forces do work on, -1 where another has more, shape (clamp, turn); None
+            without clamps.
     """
 
     unknowns: FloatArray
@@ -57,7 +58,7 @@ class Points:
     stiffness: FloatArray
     costless: FloatArray | None = None
     settled: FloatArray | None = None
-    held: int = 3
+    clamps: IntArray | None = None
 
     def __getitem__(self, row: int) -> "Point":
         return Point(self, row)
@@ -210,7 +211,7 @@ class Slopes:
         self.facing = np.linalg.slogdet(np.where(fit[:, None, None], both, np.eye(n)))[0]
         self.along = (modes.swapaxes(1, 2) @ gradient[..., None])[..., 0] / points.stiffness[:, None]
         self.clamps: int = points.frames.shape[1] - 1
-        self._held = points.held
+        self._clamps = points.clamps
 
     def __getitem__(self, row: int) -> "Slope":
         return Slope(self, row)
@@ -218,10 +219,11 @@ class Slopes:
     @cached_property
     def lowest(self) -> FloatArray:
         """The first eigenvalue, as if the place that its mode turns the most were turned by 1, shape (k,)."""
-        count, m = self.values.shape
-        first = self.modes[:, m - self._held * self.clamps :, 0].reshape(count, -1, self._held)
+        if self._clamps is None:
+            return np.array(self.values[:, 0])
+        first = np.pad(self.modes[:, :, 0], ((0, 0), (0, 1)))[:, self._clamps]
         with np.errstate(divide="ignore"):  # of points that are not fit, whose modes say nothing
-            return np.asarray(self.values[:, 0] / ((first**2).sum(axis=2).max(axis=1) if self.clamps else 1.0))
+            return np.asarray(self.values[:, 0] / (first**2).sum(axis=2).max(axis=1))
 
     @cached_property
     def neutral(self) -> IntArray:
@@ -315,6 +317,9 @@ class ClampedTurns:
 
     Args:
         problem: With ``clamps``.
+
+    Attributes:
+        held: As ``Points.clamps``.
     """
 
     def __init__(self, problem: BoundaryProblem) -> None:
@@ -322,6 +327,9 @@ class ClampedTurns:
         assert clamps is not None  # or there would be nothing to turn
         self.problem, self.clamps, self.size = problem, clamps, n + clamps.size
         self.forces = np.append(clamps.pairs.forces, range(n, self.size))
+        ends = np.append(clamps.first[1:], clamps.size)
+        turns = clamps.first[:, None] + np.arange((ends - clamps.first).max())
+        self.held = np.where(turns < ends[:, None], len(clamps.pairs.forces) + turns, -1)
         self.stiffness = clamps.pairs.stiffness
         self._order = np.append(self.forces, np.setdiff1d(np.arange(n), clamps.pairs.forces))
 

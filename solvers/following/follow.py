@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -65,7 +66,7 @@ def follow(
     stability, parts = problem.stability, problem.parts
     if parts is None or stability is None:
         return lost
-    if stability.multistable and before is None and problem.joints is None and not parts.all_clamped:
+    if stability.multistable and before is None and problem.joints is None and not parts.may_be_clamped:
         return lost
     potential = stability.has_potential
     chosen = chosen & ((reached < 1) | (potential & (outcome.status == Status.UNSTABLE)))
@@ -81,7 +82,8 @@ def follow(
             safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300)
         else:
             most = TURN / np.maximum(part.turning(start), 1e-300)
-        clamped = partial(parts.clamped, own, PIECES, times) if parts.may_be_clamped else None
+        clampings = int(parts.may_be_clamped) if before is None else parts.clampings
+        clamped = [partial(parts.clamped, own, PIECES, times, k) for k in range(clampings)]
         together = _Together(part, start, clamped)
         journeys = [
             Journey(
@@ -101,6 +103,7 @@ def follow(
                 float(singular[place]),
                 bool(potential[place]),
                 steps,
+                len(clamped),
             )
             for k, place in enumerate(own)
         ]
@@ -134,7 +137,7 @@ class _Together:
     Args:
         part: Their problem.
         before: Inputs where their ways begin; None where loads are raised.
-        clamped: Makes the same problem with clamps, if any can.
+        clamped: Make the same problem with clamps, by each way that there is.
         judged: Whether more than residuals is asked for.
     """
 
@@ -142,7 +145,7 @@ class _Together:
         self,
         part: BoundaryProblem,
         before: FloatArray | None = None,
-        clamped: Callable[[], BoundaryProblem] | None = None,
+        clamped: Sequence[Callable[[], BoundaryProblem]] = (),
         judged: bool = True,
     ) -> None:
         self.part, self.before, self.after = part, before, part.read("inputs")
@@ -151,7 +154,8 @@ class _Together:
         self._steps = np.zeros(part.instance_count, dtype=np.int64)  # of all integrations
         self._each = np.full(part.instance_count, 2**31)  # of the shortest, as which those go that are not counted
         self.tip = None if not judged or part.conjugates is None else Turns(part.conjugates)
-        self._clamped = None if clamped is None else cache(clamped)
+        self._clamped = [cache(make) for make in clamped]
+        self._clamping: dict[int, int] = {}  # by how many unknowns there are with clamps
 
     def run(self, all_: Iterable[Run]) -> None:
         """Take all to their ends."""
@@ -251,10 +255,14 @@ class _Together:
         return {k: points[row] for row, k in enumerate(asked)}
 
     def _integrate_clamped(self, asked: Mapping[int, At | Clamp]) -> dict[int, Point | None]:
-        if self._clamped is None:
+        if not self._clamped:
             return dict.fromkeys(asked)
-        part = self._clamped()
+        ways = {k: at.clamping if isinstance(at, Clamp) else self._clamping[len(at.unknowns)] for k, at in asked.items()}
+        clamping = min(ways.values())
+        asked = {k: at for k, at in asked.items() if ways[k] == clamping}  # the others come next
+        part = self._clamped[clamping]()
         turns = ClampedTurns(part)
+        self._clamping[turns.size] = clamping
         size, places = turns.size, np.array(list(asked))
         unknowns = np.zeros((part.instance_count, size))
         for k, at in asked.items():
@@ -270,8 +278,9 @@ class _Together:
         residual[part.buffer("fault") != 0] = np.nan
         self._steps[places] += np.maximum(self._each, part.buffer("step_count"))[places]
         more = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
-        own, held = (values[places] for values in more), turns.clamps.size // (frames.shape[1] - 1)
-        points = Points(unknowns[places], self.levels[places], residual[places], gamma[places], turns.forces, *own, held=held)
+        own = (values[places] for values in more)
+        points = Points(unknowns[places], self.levels[places], residual[places], gamma[places], turns.forces, *own)
+        points = replace(points, clamps=turns.held)
         return {k: points[row] for row, k in enumerate(asked)}
 
     def _settle(self, asked: dict[int, Settle]) -> dict[int, tuple[FloatArray | None, int]]:

@@ -237,14 +237,14 @@ class Journey(Walk):
         if self.by_tip:
             with suppress(Unfit):
                 landed = yield from self._leave_by(critical)
-        if landed is None:
-            self._count()
-            clamped = yield Clamp(critical.unknowns, critical.level)
-            if clamped is not None:
-                landed = yield from self._leave_by(clamped)
-                step = LEFT * (1 - critical.level)
-                if landed is None and step < self._overshoot(critical):
-                    landed = yield from self._leave_by(clamped, step)
+        for clamping in range(max(1, self.clampings)):
+            if landed is None:
+                self._count()
+                clamped = yield Clamp(critical.unknowns, critical.level, clamping)
+                with suppress(Unfit):
+                    for step in (None, LEFT * (1 - critical.level)):
+                        if clamped is not None and landed is None and (step is None or step < self._overshoot(critical)):
+                            landed = yield from self._leave_by(clamped, step)
         return landed
 
     def _leave_by(self, critical: Point, step: float | None = None) -> Run:

@@ -51,10 +51,12 @@ class At:
 
 @dataclass(frozen=True)
 class Clamp:
-    """A request to integrate with clamps that carry no moment yet; None is the answer where there can be none."""
+    """A request to integrate with clamps that carry no moment yet, by one of ``Parts.clampings``; None is the answer where there
+    can be none."""
 
     unknowns: FloatArray
     level: float
+    clamping: int = 0
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,7 @@ class Walk:
             unstable modes is all that can be told.
         singular: Its least singular value, beyond which no mode vanishes where one ends.
         steps: Equal steps of its integrations from base to tip; 0 by step control.
+        clampings: In how many ways its rods can be clamped.
     """
 
     start: FloatArray
@@ -77,6 +78,7 @@ class Walk:
     singular: float = np.inf
     potential: bool = True
     steps: int = 0
+    clampings: int = 0
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END

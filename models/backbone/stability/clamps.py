@@ -19,6 +19,7 @@ from multirod.models.backbone.kernels.tips import as_far, longest
 from multirod.models.backbone.passes.lane_pass import deal, layout_of, threads, width
 from multirod.models.backbone.units import unit_stiffness
 from multirod.rotations import from_quaternions, matrices
+from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ class ClampedBackbones:
         torques = unit[:, unit.shape[1] - self._features.torque_count :, 2]
         return np.concatenate([together[:, : 3 * self._features.moment], torques], axis=1)
 
-    def _edges(self) -> tuple[FloatArray, FloatArray]:
+    def _edges(self) -> tuple[FloatArray, BoolArray]:
         """Where pieces begin and end [m], shape (instance_count, pieces + 1), and which moments a clamp adds, the others being of
         rods that have ended, (instance_count, pieces - 1, each). Of several rods, clamps stand where two are, as what turns them
         against each other does."""
@@ -131,7 +132,8 @@ class ClampedBackbones:
         there = np.ones((len(ends), self.pieces - 1, self.each), dtype=bool)
         if self._features.torque_count:
             torques = slice(3 * self._features.moment, None)
-            there[..., torques] = ~as_far(edges[:, 1:-1, None], ends[:, None, ends.shape[1] - self._features.torque_count :])
+            own = ends[:, None, ends.shape[1] - self._features.torque_count :]
+            there[..., torques] = np.logical_not(as_far(edges[:, 1:-1, None], own))
         return edges, there
 
     def set_dim(self, count: int) -> None:
@@ -190,7 +192,7 @@ class ClampedBackbones:
         if problem.held:
             problem.tip_wrench.assign(wrench.values.numpy())
             problem.wrench_columns.assign(self._by_all(self._onward(wrench.columns.numpy(), begin)))
-        else:
+        if not problem.held or self._features.torque_count:
             problem.write("residual", own.residual.numpy())
             columns = np.concatenate([own.gamma.numpy(), own.residual_directions.numpy()[..., : self.loads]], axis=2)
             gamma = self._onward(columns, begin)
@@ -246,6 +248,10 @@ class BackboneClamps(Clamps):
         count, clamps = problem.instance_count, chain.pieces - 1
         self.size = chain.each * clamps
         self.unit = np.broadcast_to(chain.unit[:, None], (count, clamps, chain.each)).reshape(count, self.size)
+
+    @property
+    def first(self) -> IntArray:  # noqa: D102
+        return np.arange(0, self.size, self._chain.each)
 
     @property
     def pairs(self) -> Conjugates:  # noqa: D102

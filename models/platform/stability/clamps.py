@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multirod.batch import IntArray
 from multirod.capabilities import Clamps, Conjugates
 from multirod.models.backbone.stability.clamps import ClampedBackbones, clamped
 from multirod.validation import FloatArray
@@ -30,14 +31,17 @@ class PlatformClamps(Clamps):
 
     def put(self, moments: FloatArray) -> None:  # noqa: D102
         for _, own, chain, of_leg in self._legs():
-            chain.moments[of_leg] = moments[:, own].reshape(len(moments), -1, 3)
+            chain.moments[of_leg] = moments[:, own].reshape(len(moments), -1, chain.each)
+
+    @property
+    def first(self) -> IntArray:  # noqa: D102
+        return np.concatenate([np.arange(own.start, own.stop, chain.each) for _, own, chain, _ in self._legs()])
 
     def turned(self) -> FloatArray:  # noqa: D102
-        return self._by_all("turned")
+        return np.concatenate([found.reshape(len(found), -1, found.shape[-1]) for found in self._by_all("turned")], axis=1)
 
     def moved(self) -> FloatArray:  # noqa: D102
-        found = self._by_all("moved")
-        return found.reshape(len(found), -1, 3, found.shape[-1])
+        return np.concatenate(list(self._by_all("moved")), axis=1)
 
     def give(self) -> FloatArray:  # noqa: D102
         n = self.problem.unknown_count
@@ -58,14 +62,13 @@ class PlatformClamps(Clamps):
             own = slice(*problem.first_moment[leg : leg + 2].tolist())
             yield leg, own, clamped(group.backbones), slice(place, None, len(group.members))
 
-    def _by_all(self, name: str) -> FloatArray:
-        """Columns of the clamps, shape (instance_count, size, n + size)."""
+    def _by_all(self, name: str) -> Iterator[FloatArray]:
+        """Columns of the clamps of each leg, shape (instance_count, clamp, ..., n + size)."""
         problem, n = self.problem, self.problem.unknown_count
-        result = np.zeros((problem.instance_count, self.size, n + self.size))
         for leg, own, chain, of_leg in self._legs():
             values = getattr(chain, name)[of_leg]
-            values = values.reshape(len(values), -1, values.shape[-1])
-            last = values.shape[-1] - values.shape[1]
-            result[:, own, problem.own[leg]] = values[..., :last]
-            result[:, own, n + own.start : n + own.stop] = values[..., last:]
-        return result
+            last = values.shape[-1] - (own.stop - own.start)
+            result = np.zeros((*values.shape[:-1], n + self.size))
+            result[..., problem.own[leg]] = values[..., :last]
+            result[..., n + own.start : n + own.stop] = values[..., last:]
+            yield result
