@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from test_network import GIVEN, mixed
 from test_network_rods import at
 
 import multirod as mr
@@ -98,19 +99,14 @@ def test_rods_made_of_tubes_are_named():
 
 def test_energies_of_springs_are_those_of_a_robot_alone():
     """To the last bit, in a batch too: springs are summed in one order."""
-    wire = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015)
-    plate, joints = mr.Body("plate"), []
-    for k in range(6):
-        sprung = {"kind": "universal", "axis": np.eye(3)[:2], "stiffness": (0.1 + 0.03 * k, 0.07), "rest": (0.2, -0.1 * k)}
-        joints += [mr.Joint(f"leg {k}", "base", to=mr.ground, pose=at(x=0.05 * k), **sprung)]
-        joints += [mr.Joint(f"leg {k}", "tip", to=plate, pose=at(x=0.04 * k), **sprung)]
-    robot = mr.Network(rods={f"leg {k}": wire for k in range(6)}, bodies=[plate], joints=joints)
+    robot = mixed()
 
     def energies(unknowns):
-        problem = robot.problem(robot.inputs(rotation={"leg 0": np.zeros(len(unknowns))}), integrator=mr.RK4(4))
+        loads = GIVEN | {"gravity": np.tile(GIVEN["gravity"], (len(unknowns), 1))}
+        problem = robot.problem(robot.inputs(**loads), integrator=mr.RK4(4))
         problem.write("unknowns", unknowns)
         return problem.shapes.of_springs(problem.state().angles)
 
-    size = robot.problem(robot.inputs(), integrator=mr.RK4(4)).unknown_count
+    size = robot.problem(robot.inputs(**GIVEN), integrator=mr.RK4(4)).unknown_count
     unknowns = np.random.default_rng(0).standard_normal((20, size))
     np.testing.assert_array_equal(energies(unknowns), [energies(own[None])[0] for own in unknowns])
