@@ -21,6 +21,7 @@ from multirod.recording.samples import first_instances
 from multirod.results.segment_system import System
 from multirod.segments import Breakpoints, Cuts, Propagation
 from multirod.solvers import multiple_shooting
+from multirod.solvers.continuation import pace
 from multirod.solvers.continuation import paths as continuation
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.segments import equilibria as segmented_equilibria
@@ -288,7 +289,7 @@ def test_where_shooting_creeps_segments_go_on(soft, monkeypatch):
         failed = solved()
     assert failed.status.tolist() == [2, 1, 2]
     assert (failed.integrations < handed.integrations).tolist() == [True, False, True]
-    monkeypatch.setattr(continuation, "CREEPING", np.inf)
+    monkeypatch.setattr(pace, "CREEPING", np.inf)
     crept = solved()
     assert handed.status.tolist() == crept.status.tolist() == [16, 1, 16]
     assert (handed.integrations[[0, 2]] < 0.35 * crept.integrations[[0, 2]]).all()
@@ -312,7 +313,7 @@ def test_what_creeps_to_an_end_is_followed_to_there(soft, monkeypatch):
     monkeypatch.setattr(MultipleShooting, "go_on", watched)
     handed = mr.solve(soft, inputs, solver=solver)
     assert counted == [[mr.Status.BRANCH_END]]
-    monkeypatch.setattr(continuation, "CREEPING", np.inf)
+    monkeypatch.setattr(pace, "CREEPING", np.inf)
     crept = mr.solve(soft, inputs, solver=solver)
     assert len(counted) == 1
     assert handed.status == crept.status == mr.Status.BRANCH_END
@@ -329,7 +330,7 @@ def test_creeping_is_left_alone_where_rounding_does_not_forbid_the_end(monkeypat
     rod = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(14, 5, 0)))
     inputs = rod.inputs(tip_force=(0, 5.0, 0))
     free = mr.solve(rod, inputs)
-    monkeypatch.setattr(continuation, "CREEPING", 0)
+    monkeypatch.setattr(pace, "CREEPING", 0)
     monkeypatch.setattr(continuation, "ROUNDS", 1)
     asked = mr.solve(rod, inputs)
     assert asked.status == mr.Status.CONVERGED
