@@ -62,6 +62,10 @@ class PartsAtEqualSteps(Parts, Generic[P]):
         steps = int(step_counts(self._backbones, self.problem.instance_count)[instances].max())
         return at_equal_steps(self._integrator, times * steps)
 
+    def _exact(self, instances: IntArray, times: int) -> Integrator:
+        """By which branches are followed: that at equal steps, or their own in double precision."""
+        return self._at_equal_steps(instances, times) or self._integrator.in_double()
+
     def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102
         return split(instances, step_counts(self._backbones, self.problem.instance_count)[instances])
 
@@ -85,9 +89,7 @@ class PartsAtEqualSteps(Parts, Generic[P]):
         return None if integrator is None else self._part(instances, integrator, poses=poses)
 
     def followed(self, instances: IntArray, times: int = 1) -> P:  # noqa: D102
-        integrator = self._at_equal_steps(instances, times) or self._integrator.in_double()
-        return self._part(instances, integrator, poses=True)
+        return self._part(instances, self._exact(instances, times), poses=True)
 
     def clamped(self, instances: IntArray, pieces: int, times: int = 1, clamping: int = 0) -> P:  # noqa: D102
-        integrator = self._at_equal_steps(instances, times) or self._integrator.in_double()
-        return self._part(instances, integrator, poses=True, pieces=pieces)
+        return self._part(instances, self._exact(instances, times), poses=True, pieces=pieces)

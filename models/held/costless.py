@@ -32,12 +32,7 @@ SMALL = 1e-4  # square of an angle under which quotients are series
 
 def alike(problem: "HeldProblem") -> NDArray[np.bool_]:
     """(10) Whether nothing but what acts along the rod tells directions across its axis apart, shape (instance_count,)."""
-    if (
-        problem.turns
-        or problem.holders.joint == REVOLUTE
-        or not _slides_along(problem)
-        or problem.rod.features.profile_degree >= 0
-    ):
+    if problem.turns or problem.holders.joint == REVOLUTE or not _slides_along(problem):
         return np.zeros(problem.instance_count, dtype=bool)
     return round_about_itself(problem)
 
@@ -76,11 +71,9 @@ def free_in_balls(problem: "HeldProblem") -> IntArray:
     kinds = problem.table.balls.numpy()
     if not kinds.any():
         return np.asarray(kinds)
-    bare = ~acting(problem)[:, 1:].any(axis=1)  # a moment on an end that is clamped does no work
-    without_moments, free = between_balls(problem)
-    spins = np.where(kinds == ROUND_IN_BALLS, SPINS, 0)
-    turned = np.where(without_moments, np.where(free, kinds, spins), 0)
-    return np.asarray(np.where(kinds == BALL_AND_CLAMP, np.where(bare & _on_axis(problem), kinds, 0), turned))
+    (between, free), (_, bare) = between_balls(problem), from_clamp(problem)
+    spins = between & (kinds == ROUND_IN_BALLS)
+    return np.asarray(np.where(free | bare, kinds, np.where(spins, SPINS, 0)))
 
 
 def least_loads(problem: "HeldProblem") -> FloatArray:
@@ -104,10 +97,9 @@ def acting(problem: "HeldProblem") -> NDArray[np.bool_]:
 def between_balls(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(28) Whether a rod is between two balls and no moments act on it; whether what forces act along it are along the line
     between the balls, as is any slide. Shapes (instance_count,)."""
-    inputs, first = problem.read("inputs"), problem.table.along
     moment, pushed, torque, heavy, field = acting(problem).T
     between = np.isin(problem.table.balls.numpy(), (IN_BALLS, ROUND_IN_BALLS)) & ~(moment | torque | field)
-    force, weight = (own[:, None] * inputs[:, first + at : first + at + 3] for own, at in ((pushed, 0), (heavy, 6)))
+    force, weight = (own[:, None] * values for own, values in zip((pushed, heavy), _forces(problem), strict=True))
     place, frame = problem.goal()
     chord = place - problem.rod.table.base_position.numpy()
     free = between.copy()
@@ -117,11 +109,23 @@ def between_balls(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np
     return between, free
 
 
+def from_clamp(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(28) Whether a round rod is from a ball to a clamp on its axis; whether nothing acts along it besides: a moment on an end
+    that is clamped does no work. Shapes (instance_count,)."""
+    there = (problem.table.balls.numpy() == BALL_AND_CLAMP) & _on_axis(problem)
+    return there, there & ~acting(problem)[:, 1:].any(axis=1)
+
+
+def _forces(problem: "HeldProblem") -> tuple[FloatArray, FloatArray]:
+    """Force per length on a rod [N/m] and gravity [m/s^2], in the world, shapes (instance_count, 3)."""
+    inputs, first = problem.read("inputs"), problem.table.along
+    return inputs[:, first : first + 3], inputs[:, first + 6 : first + 9]
+
+
 def force_along(problem: "HeldProblem") -> FloatArray:
     """All that forces on a rod and its weight are together, in the world [N], shape (instance_count, 3)."""
-    inputs, first = problem.read("inputs"), problem.table.along
-    own, weight = (inputs[:, first + at : first + at + 3] for at in (0, 6))
-    return np.asarray(problem.length[:, None] * own + _mass(problem)[:, None] * weight)
+    own, gravity = _forces(problem)
+    return np.asarray(problem.length[:, None] * own + _mass(problem)[:, None] * gravity)
 
 
 def _mass(problem: "HeldProblem") -> FloatArray:
@@ -203,12 +207,13 @@ def holding(
     """(28) What is taken off the moments at the bases of the ``chosen``, (count, 3), and its columns by their rotation vectors
     over the length, (count, 3, 3), at unknowns (count, n) and levels of the load (count,); None where nothing is."""
     table = problem.table
-    kinds, free, between = table.balls.numpy()[chosen], free_in_balls(problem)[chosen], between_balls(problem)[0][chosen]
-    clamped = (kinds == BALL_AND_CLAMP) & _on_axis(problem)[chosen]
-    if not (between | clamped).any():
+    (between, free), (clamped, bare) = between_balls(problem), from_clamp(problem)
+    held = (between | clamped)[chosen]
+    if not held.any():
         return None
-    fading = (between | clamped) * np.maximum(1 - level, 0.0) * table.leading.numpy()[chosen]
-    weights = np.stack([between & (kinds == ROUND_IN_BALLS), np.where((free != 0) & (free != SPINS), 1.0, fading)], axis=1)
+    fading = held * np.maximum(1 - level, 0.0) * table.leading.numpy()[chosen]
+    spins = between & (table.balls.numpy() == ROUND_IN_BALLS)
+    weights = np.stack([spins[chosen], np.where((free | bare)[chosen], 1.0, fading)], axis=1)
     length, ways = problem.length[chosen], table.ways.numpy()[chosen]
     turn = length[:, None] * unknowns[:, problem.rod.unknown_count :]
     lags = np.einsum("bki,bi->bk", ways, turn) / length[:, None] - table.held_at.numpy()[chosen]

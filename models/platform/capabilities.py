@@ -41,7 +41,7 @@ class PlatformParts(PartsAtEqualSteps["ParallelProblem"]):
             return []
         some = {leg for group in self.problem.groups if group.backbones.may_be_clamped for leg in group.members}
         every = {leg for group in self.problem.groups if group.backbones.parts.clampings for leg in group.members}
-        return [legs for legs in (some, every) if legs and not (legs is every and every == some)]
+        return [legs for legs in ((some,) if every == some else (some, every)) if legs]
 
     @property
     def all_clamped(self) -> bool:  # noqa: D102
@@ -50,8 +50,7 @@ class PlatformParts(PartsAtEqualSteps["ParallelProblem"]):
     def clamped(  # noqa: D102
         self, instances: IntArray, pieces: int, times: int = 1, clamping: int = 0
     ) -> "ParallelProblem":
-        integrator = self._at_equal_steps(instances, times) or self._integrator.in_double()
-        return self._part(instances, integrator, poses=True, pieces=pieces, clamping=clamping)
+        return self._part(instances, self._exact(instances, times), poses=True, pieces=pieces, clamping=clamping)
 
     def _part(
         self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1, clamping: int = 0

@@ -8,9 +8,8 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem
-from multirod.validation import LARGEST
+from multirod.validation import LARGEST, PLAIN
 
-PLAIN = {float, int, np.float64}
 WHOLE = (np.dtype(np.float64), np.dtype(np.int64))  # whose numbers are plain
 
 

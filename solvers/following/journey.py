@@ -240,10 +240,10 @@ class Journey(Walk):
         for clamping in range(max(1, self.clampings)):
             if landed is None:
                 self._count()
-                clamped = yield Clamp(critical.unknowns, critical.level, clamping)
-                with suppress(Unfit):
-                    for step in (None, LEFT * (1 - critical.level)):
-                        if clamped is not None and landed is None and (step is None or step < self._overshoot(critical)):
+                if (clamped := (yield Clamp(critical.unknowns, critical.level, clamping))) is not None:
+                    with suppress(Unfit):
+                        landed = yield from self._leave_by(clamped)
+                        if landed is None and (step := LEFT * (1 - critical.level)) < self._overshoot(critical):
                             landed = yield from self._leave_by(clamped, step)
         return landed
 
