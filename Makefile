@@ -25,12 +25,13 @@ test: $(VENV)/.installed-test
 test-all: $(VENV)/.installed-test
 	$(AS_MACHINE)$(PYTEST) $(ARGS)
 
-# measures what each test takes, and chooses anew which ones `make test` runs: tests/left_to_test_all.txt lists the others
+# measures what each test takes, and chooses anew which ones `make test` runs: tests/left_to_test_all.txt lists the others; with
+# ARGS=--quick, which of those it runs it is to leave out
 quick-tests: export MULTIROD_TEST_COSTS := $(CURDIR)/build/costs
 quick-tests: export PYTHONPATH := $(CURDIR)/tests/machine
 quick-tests: $(VENV)/.installed-test
 	rm -rf build/costs && mkdir -p build/costs
-	$(PYTEST) -p costs
+	$(PYTEST) -p costs $(ARGS)
 	$(BIN)/python tests/machine/costs.py build/costs
 
 # the tests with guards around every block of the heap: which kernel writes past its array?
