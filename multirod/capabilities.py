@@ -5,9 +5,10 @@ multiple shooting, are in ``multirod.segments``; stability is in ``multirod.stab
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,25 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.problem import BoundaryProblem, Shape
+
+
+class Bending(Protocol):
+    """How bent the backbones of one instance are, all rods on one of which bend alike, and how that varies at two places."""
+
+    def jumps(self) -> FloatArray:
+        """Arclengths on each backbone where its curvature may jump [m], its tip among them, shape (backbone, count), NaN where
+        another has more."""
+
+    def survey(self) -> tuple[FloatArray, FloatArray]:
+        """At the problem's unknowns: arclengths of nodes evenly from base to tip [m], shape (backbone, node), and ``u_xy`` there
+        [1/m], (backbone, node, 2); to be read at once."""
+
+    def integrate(self, places: FloatArray) -> None:
+        """An integration of the problem, which looks at ``places`` (backbone, 2) too, rising arclengths > 0."""
+
+    def at_places(self, names: Sequence[str], backbone: int) -> tuple[FloatArray, FloatArray]:
+        """``u_xy`` at the two places on one, shape (2, 2), and its derivatives by the unknowns, then by each number that the
+        problem is aimed at by ``names``, arclength and unknowns fixed, (2, 2, n + k)."""
 
 
 class Shapes(ABC):
@@ -31,6 +51,11 @@ class Shapes(ABC):
         """Arclengths of each rod at which its curvature may jump between nodes [m], shape (instance_count, count); none by
         default."""
         return ()
+
+    def bending(self, node_count: int) -> "Bending | None":
+        """What tells how bent rods are at so many nodes, of a problem of one instance; None, as by default, where they are to be
+        looked at by ``at_nodes``."""
+        return None
 
 
 class Lines(ABC):

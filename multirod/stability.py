@@ -182,6 +182,11 @@ class StabilityAnalysis(ABC):
         default, says nothing."""
         return False
 
+    def lowest(self) -> FloatArray | None:
+        """``eigenvalue(0)`` of the ``modes`` at ``unknowns``, near which the last integration was, shape (instance_count,), where
+        it is told sooner; None, as by default, says nothing."""
+        return None
+
     def unstable(self) -> NDArray[np.bool_]:
         """Whether what is at ``unknowns`` is known to be unstable, shape (instance_count,)."""
         return np.asarray(self.modes().stability == Stability.UNSTABLE)

@@ -7,6 +7,7 @@ from observer_scenes import three_tubes
 import multirod as mr
 from multirod.rotations import matrices
 from multirod.studies.scenes import six_legs
+from multirod.tasks.formulation import with_values
 
 STEPS = mr.RK4(30)
 TUBES, MOTION = three_tubes()
@@ -194,3 +195,56 @@ def test_what_is_renewed_piece_by_piece_is_what_is_kept_at_once():
         found.append([np.array(watch._shared[name].values) for name in names])
     for own, other in zip(*found, strict=True):
         np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())  # sums in another order
+
+
+def soft_ends():
+    """A wire whose free half is soft, bent most where that begins, which moves with it; and one bent most at its base."""
+    stiff, soft = (mr.Section(length=0.2, bending_stiffness=EI, torsional_stiffness=EI) for EI in (0.2, 0.03))
+    for name, sections in {"border": (stiff, soft), "base": (soft, stiff)}.items():
+        robot = mr.SingleRod(mr.Rod(sections=list(sections)))
+        yield name, robot, robot.inputs(tip_force=(0.2, 0.1, 0), rotation=0.2, translation=-0.01), ("rotation", "translation")
+
+
+def most_bent_robots():
+    """Robots, inputs and what is free."""
+    yield from soft_ends()
+    # sections of two tubes begin at one place else, where derivatives have a side
+    drives = {"rotation": MOTION.rotation[10], "translation": MOTION.translation[10] - (0, 0.013, 0.005)}
+    for name, force in {"tubes": MOTION.tip_force[10], "tip": (0, 0.2, 0.1)}.items():
+        yield name, TUBES, TUBES.inputs(**drives, tip_force=force), ("rotation", "translation")
+    legs = six_legs().robot
+    yield "legs", legs, legs.inputs(tip_force=(2, 1, -3)), ("translation",)
+
+
+@pytest.mark.parametrize("name", ["border", "base", "tubes", "tip", "legs"])
+def test_how_far_a_limit_of_the_curvature_is_varies_as_differences_of_equilibria_say(name):
+    """(18b) At a node, where a section or a rod ends that moves, at the base, and at a tip whose bending stays."""
+    _, robot, inputs, free = next(own for own in most_bent_robots() if own[0] == name)
+    solver = mr.Shooting(tolerance=1e-11, integrator=STEPS)
+    middle, limit = mr.solve(robot, inputs, solver=solver).raise_if_failed(), 100.0
+    loop = mr.Controller(robot, dt=0.01, free=free, limits=mr.Limits(curvature=limit), guess=middle, integrator=STEPS)
+    shape, values = loop._shape, np.concatenate([np.ravel(getattr(inputs, own)) for own in free])
+    problem, task = shape._one.problem, shape._one
+
+    def look(p):
+        at = with_values(middle.inputs, free, p)
+        found = mr.solve(robot, at, solver=solver, guess=middle).raise_if_failed()
+        x, row = problem.adopt(found.unknowns[None]), problem.pack(at)
+        return shape.look(x, row, task.evaluate(x, p[None]).eliminated[1][0])
+
+    step = 1e-3 * shape._unit
+    ends = [[look(values + sign * d).room[0] for sign in (1, -1)] for d in np.diag(step)]
+    slopes = -np.diff(ends)[:, 0] / (2 * step)
+    here = look(values)
+    bent = max(
+        np.linalg.norm(middle.rod(k, nodes=4001).curvature[:, :2], axis=1).max() for k in range(len(robot.rods))
+    )  # nodes of the look are 1 % of a rod apart
+    assert here.room[0] == pytest.approx(1 - bent / limit, abs=2e-4 * bent / limit)
+    # a slope is told over a twentieth of 1 % of a rod, along which that changes by less than 1 %; of radians in the rods 1e-4
+    np.testing.assert_allclose(here.slopes[0] * shape._unit, slopes * shape._unit, rtol=0.01, atol=5e-3 * bent / limit)
+
+
+def test_a_start_beyond_a_limit_of_the_curvature_is_refused(start):
+    options = {"dt": 0.01, "free": ("rotation", "translation"), "guess": start, "integrator": STEPS}
+    with pytest.raises(ValueError, match="(?s)Controller.limits .* at the start too, where the largest curvature is 9.053 1/m"):
+        mr.Controller(TUBES, limits=mr.Limits(curvature=5), **options)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.capabilities import Shapes
+from multirod.models.backbone.derivatives.bending import BackboneBending, may_tell_bending
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
 from multirod.problem import Shape
 from multirod.validation import FloatArray
@@ -39,6 +40,9 @@ class BackboneShapes(Shapes):
         out = problem.read("inputs")[:, problem.input_slice("translation")]
         ends = problem.each(problem.arrays.end) + out[..., None]
         return (ends.reshape(len(out), -1),) * len(problem.rods)
+
+    def bending(self, node_count: int) -> BackboneBending | None:  # noqa: D102
+        return BackboneBending(self.problem, node_count) if may_tell_bending(self.problem) else None
 
     def stored_and_lost(self) -> tuple[FloatArray, FloatArray]:
         """Elastic energy, and the potential energy of what acts along a held rod but not at its tip [J], shape

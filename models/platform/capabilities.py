@@ -12,6 +12,7 @@ from multirod.integrators import Integrator
 from multirod.models.backbone.equal_steps import PartsAtEqualSteps
 from multirod.models.backbone.members.driven import LinesOfGroups
 from multirod.models.platform.derivatives.along import at_rates, by_robot
+from multirod.models.platform.derivatives.bending import LegBending, may_tell_legs_bending
 from multirod.models.platform.derivatives.columns import input_columns
 from multirod.problem import Shape
 from multirod.validation import FloatArray
@@ -100,6 +101,9 @@ class PlatformShapes(Shapes):
                     first = self.problem.geometry.first_rod[leg]
                     found[first + i] = own.reshape(self.problem.instance_count, -1, own.shape[1])[:, place]
         return tuple(found)
+
+    def bending(self, node_count: int) -> LegBending | None:  # noqa: D102
+        return LegBending(self.problem, node_count) if may_tell_legs_bending(self.problem) else None
 
 
 class PlatformLines(LinesOfGroups["ParallelProblem"]):

@@ -377,6 +377,40 @@ def one_reach(robot: Any, start: Any, rounds: int, floor: Callable[[], float] | 
     row("one reach, warm, steps of 0.5 rad and 30 mm", f"{loops}{1e3 * middle:.2f}, {1e3 * least:.2f} ms here", "0.3 ms")
 
 
+def limited(rounds: int) -> None:
+    """Samples that look at limits of the shape, far from them and beside them, in steps without, which take turns with them."""
+    robot, (legs, there) = tubes(), six_legs()
+    start = mr.solve(robot, robot.inputs(**motion(0.0), tip_force=FORCE), solver=SOLVER)
+    runs: dict[str, tuple[Any, Any, tuple[str, ...]]] = {
+        "3 loaded tubes": (robot, start, FREE),
+        "six legs": (legs, there, ("translation",)),
+    }
+    for name, (one, at, free) in runs.items():
+        bends = [np.linalg.norm(at.rod(k, nodes=301).curvature[:, :2], axis=1).max() for k in range(len(one.rods))]
+        most, margin = float(max(bends)), float(at.stability_margin)
+        limits = {
+            "no limit": None,
+            "a curvature, far": mr.Limits(curvature=2 * most),
+            "a curvature, near": mr.Limits(curvature=1.05 * most),
+            "a margin, far": mr.Limits(stability_margin=0.3 * margin),
+            "a margin, near": mr.Limits(stability_margin=margin - 0.05),
+        }
+        loops = {
+            key: mr.Controller(one, dt=1e-3, free=free, guess=at, limits=own, integrator=STEPS) for key, own in limits.items()
+        }
+        path = figure_of_eight(at.tip_position, 1000)
+        spent: dict[str, list[float]] = {key: [] for key in loops}
+        for k in range(rounds):
+            target = {"position": path[k % 1000]} | ({"rotation": at.tip_rotation} if one is legs else {})
+            for key, loop in loops.items():
+                begin = thread_time()
+                loop.step(**target)
+                spent[key].append(thread_time() - begin)
+        least = {key: np.quantile(own[FIRST:], 0.5) for key, own in spent.items()}
+        for key, own in least.items():
+            row(f"Controller.step, {name}, {key}", f"{1e6 * own:.0f} us, {own / least['no limit']:.1f} of a step without")
+
+
 def times(rounds: int, floor: Callable[[], float] | None, folder: Path) -> None:
     """Interleaved, so that what else the machine does falls on all."""
     robot = tubes()
@@ -463,6 +497,7 @@ def main() -> None:
         controlled(robot, start, samples)
         one_reach(robot, start, max(rounds // 5, 40), floor)
         times(rounds, floor, Path(folder))
+        limited(rounds)
 
 
 if __name__ == "__main__":

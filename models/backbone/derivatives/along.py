@@ -65,6 +65,7 @@ class AlongPass:
         columns = n + problem.direction_count
         self._call: Any = problem.buffers.call(count + 1)
         self._call.node_rod = 0
+        self._places = self._call.node_arclength.numpy()[:, 1:] if problem.on_host else None
         shapes = {
             "residual": (n,),
             "gamma": (n, n),
@@ -97,7 +98,10 @@ class AlongPass:
 
     def place(self, places: FloatArray) -> None:
         """Be at rising ``places`` (instance_count, count) from now on."""
-        self._call.node_arclength.assign(np.concatenate([np.zeros((len(places), 1)), places], axis=1))
+        if self._places is None:
+            self._call.node_arclength.assign(np.concatenate([np.zeros((len(places), 1)), places], axis=1))
+        else:
+            self._places[:] = places
 
     def launch(self) -> None:
         """Integrate."""

@@ -73,6 +73,11 @@ class NodePasses:
         """A pass by columns over nodes of all rods together and all instances, not launched yet."""
         return self._make_node_pass(node_count, False, True, None, None, {})
 
+    def bare_of_all(self, node_count: int) -> NodePass:
+        """A pass without columns over nodes of all rods together and all instances, at the unknowns of the solve whenever it is
+        launched, wherever it ends."""
+        return self._make_node_pass(node_count, False, False, None, None, {})
+
     def to_tip(self, chosen: NDArray[np.bool_]) -> NodePass:
         """Residual and tip of some instances by the very steps that the solve chooses, without columns; its outputs stay."""
         made = self._end_pass

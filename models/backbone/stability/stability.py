@@ -1,8 +1,9 @@
 """Stability of one backbone: its second variation by columns at nodes, its potential, and what its rods say beforehand."""
 
+from collections.abc import Callable
 from functools import cache
 from math import ceil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.nodes.node_pass import NodePass
     from multirod.models.backbone.problem import BackboneProblem
 
+T = TypeVar("T")
 FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
 OFTEN = 8  # solves of one problem, from which a kernel pays that tells only what is surely stable
@@ -94,23 +96,32 @@ class BackboneStability(StabilityAnalysis):
         return np.where(self.has_potential, stored - work, np.nan)
 
     def surely_stable(self) -> bool:  # noqa: D102
+        return bool(self._by_one_launch(lambda own, nodes: own.holds(nodes)))
+
+    def lowest(self) -> FloatArray | None:  # noqa: D102
+        return self._by_one_launch(lambda own, nodes: own.lowest(nodes))
+
+    def _by_one_launch(self, ask: Callable[[SureStability, int], T]) -> T | None:
+        """What ``ask`` says of the launch that looks at few rods by so many nodes, of as many as it calls for; None where there
+        is no such launch, or none of as many."""
         problem = self.problem
         if not problem.judged_often or problem.breakpoints:
-            return False
+            return None
         own: SureStability | None = problem.tool(
             "surely stable", lambda: SureStability(problem) if may_be_sure(problem) else None
         )
         if own is None or not own.has_potential:
-            return False
+            return None
         # by as many nodes as looks of late called for, then by as many as this one does
-        tried, needed = 0, min(own.usual, MOST_NODES_AT_FIRST - 2.0)
+        tried, needed, found = 0, min(own.usual, MOST_NODES_AT_FIRST - 2.0), None
         while tried <= needed < MOST_NODES_AT_FIRST - 1:
             segments = ceil(needed + 1e-6)  # as whole numbers decide
             tried = own.nodes.get(segments, 0) or own.nodes.setdefault(segments, self._nodes_for(needed))
-            if own.holds(tried):
-                return True
+            found = ask(own, tried)
+            if found is not None and found is not False:
+                break
             needed = own.needed
-        return False
+        return found
 
     def unstable(self) -> NDArray[np.bool_]:  # noqa: D102
         if self.problem.renewals >= OFTEN and self.surely_stable():

@@ -16,7 +16,7 @@ from multirod.launch import record
 from multirod.models.backbone.nodes.correction import NEAR
 from multirod.models.backbone.nodes.node_pass import NodePass
 from multirod.models.backbone.passes.lane_pass import LanePass
-from multirod.models.backbone.stability.condensing.forms import form_of
+from multirod.models.backbone.stability.condensing.forms import CompiledForm, form_of
 from multirod.models.backbone.stability.sure_kernels import Sure, make_sure
 from multirod.problem import FEW
 from multirod.validation import FloatArray
@@ -79,15 +79,29 @@ class SureStability:
 
     def holds(self, nodes: int) -> bool:
         """Whether all instances are stable at the problem's unknowns, by so many nodes; False says nothing."""
+        look = self._looked(nodes)
+        return look is not None and all(look.sure.tolist())
+
+    def lowest(self, nodes: int) -> FloatArray | None:
+        """The lowest eigenvalue of all instances by so many nodes, as ``Modes`` has it, shape (instance_count,); None says
+        nothing."""
+        look = self._looked(nodes)
+        if look is None or not all(look.told.tolist()):
+            return None
+        unit = look.form.values("unit")[:, None, None]
+        form = look.form.values("matrix") / unit
+        return np.asarray(np.linalg.eigvalsh((form + form.swapaxes(1, 2)) / 2)[:, 0])
+
+    def _looked(self, nodes: int) -> "_Look | None":
+        """By so many nodes, launched."""
         if nodes not in self._looks:
             self._looks[nodes] = self._made(nodes)
         look = self._looks[nodes]
-        if look is None:
-            return False
-        look.launch()
-        self.needed = max(look.needed.tolist())  # of few: NumPy's own take longer
-        self._late.append(self.needed)
-        return all(look.sure.tolist())
+        if look is not None:
+            look.launch()
+            self.needed = max(look.needed.tolist())  # of few: NumPy's own take longer
+            self._late.append(self.needed)
+        return look
 
     def _made(self, nodes: int) -> "_Look | None":
         problem = self._problem
@@ -114,11 +128,11 @@ class SureStability:
         state.node_position, state.node_rotation = made.call.problem.position, made.call.problem.rotation
         for name in ("ends", "unit", "matrix", "conjugate", "known", "open"):
             setattr(state, name, form.array(name))
-        needed, sure = Shared((count,), wp.float64, device), Shared((count,), wp.int32, device)
-        state.needed, state.sure = needed.array, sure.array
+        needed, sure, told = (Shared((count,), kind, device) for kind in (wp.float64, wp.int32, wp.int32))
+        state.needed, state.sure, state.told = needed.array, sure.array, told.array
         state.work = wp.zeros((count, free, free), dtype=wp.float64, device=device)
         launch = record(make_sure, 1, [state, *calls], device)
-        return _Look(launch.launch, needed.values, sure.values, (made, form, state, *calls))
+        return _Look(launch.launch, needed.values, sure.values, told.values, form, (made, state, *calls))
 
 
 @dataclass(frozen=True)
@@ -129,10 +143,14 @@ class _Look:
         launch: Looks.
         needed: Segments that each instance called for, shape (instance_count,).
         sure: Which are surely stable, likewise.
+        told: Of which the form is known, with no unstable mode that it does not show, likewise.
+        form: What condenses the columns.
         kept: What the launch works in.
     """
 
     launch: Callable[[], None]
     needed: FloatArray
     sure: NDArray[np.int32]
+    told: NDArray[np.int32]
+    form: CompiledForm
     kept: tuple[Any, ...]

@@ -44,6 +44,7 @@ class Sure:
     work: wp.array3d[wp.float64]
     needed: wp.array[wp.float64]  # (7)
     sure: wp.array[int]
+    told: wp.array[int]  # whether the form is known, and nothing unstable is hidden from it
 
 
 @wp.func
@@ -132,6 +133,7 @@ def make_sure():
         all_good = bool(True)
         for t in range(s.sure.shape[0]):
             s.sure[t] = 0
+            s.told[t] = 0
             s.needed[t] = segments(s, t)
             good = s.needed[t] < f64(s.node_moment.shape[1]) and s.fault[t] == 0 and as_solved(s, t)
             all_good = all_good and good
@@ -139,6 +141,7 @@ def make_sure():
             launch_all(form)
             for t in range(s.sure.shape[0]):
                 good = s.known[t] != 0 and s.open[t] == 0 and s.conjugate[t] == 0
+                s.told[t] = wp.where(good, 1, 0)
                 s.sure[t] = wp.where(good and positive(s, t), 1, 0)
 
     return sure

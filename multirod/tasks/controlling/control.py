@@ -125,6 +125,11 @@ class ControlStep:
         found, told, status, doubt = (self._kept[name].numpy() for name in ("record", "told", "status", "doubt"))
         return found, told[0], int(status[0]), int(doubt[0])
 
+    @property
+    def by(self) -> FloatArray:
+        """(2) ``B`` of the last sample, shape (n, k)."""
+        return np.array(self._task.shift.numpy()[0, :, 1:])
+
     def refuse(self, told: FloatArray) -> None:
         """Take the last sample back, which is not stable: the next starts from the one before, and ``told`` says so."""
         kept, k = self._kept, self._count
@@ -158,17 +163,24 @@ class ControlStep:
             self._limits[name].values[places] = values
             self._limits[name].send()
 
-    def stay(self, record: FloatArray, told: FloatArray, beyond: NDArray[np.bool_]) -> None:
-        """Give the last command again, as it is to first order under what else holds in this sample: ``record`` and ``told`` say
-        so, and the next sample starts there. Which limits of the shape, (shaped,), the step was ``beyond`` is told too."""
-        fields, kept, k = self._problem.record_fields, self._kept, self._count
-        values, given = kept["before_values"].numpy(), record[:, fields["inputs"]]
+    def stay(self, record: FloatArray) -> None:
+        """Give the last command again: ``record`` has it, as it is to first order under what else holds in this sample."""
+        fields = self._problem.record_fields
+        values, given = self._kept["before_values"].numpy(), record[:, fields["inputs"]]
         back = (values - given[:, self._whole.places])[0]
-        record[:, fields["unknowns"]] += self._task.shift.numpy()[0, :, 1:] @ back
+        record[:, fields["unknowns"]] += self.by @ back
         given[:, self._whole.places] = values
         moved = self._task.carried.numpy()[0, :, 1:] @ back
         record[:, fields["position"]] += moved[:3]
         record[:, fields["rotation"]] = (matrices(moved[None, 3:])[0] @ record[0, fields["rotation"]].reshape(3, 3)).ravel()
+
+    def stayed(self, record: FloatArray, told: FloatArray, beyond: NDArray[np.bool_]) -> None:
+        """The next sample starts where ``record`` has the last command, and ``told`` says so.
+
+        Which limits of the shape, (shaped,), the step was ``beyond`` is told too.
+        """
+        fields, kept, k = self._problem.record_fields, self._kept, self._count
+        values = record[:, fields["inputs"]][:, self._whole.places]
         names = {"good_unknowns": "unknowns", "tip_position": "position", "tip_rotation": "rotation"}
         for name, field in names.items():
             kept[name].assign(record[:, fields[field]].reshape(kept[name].numpy().shape))

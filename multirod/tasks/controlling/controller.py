@@ -25,7 +25,7 @@ from multirod.solvers.shooting import Shooting
 from multirod.status import Status
 from multirod.tasks.controlling.command import Command
 from multirod.tasks.controlling.control import ControlStep
-from multirod.tasks.controlling.control_kernels import make_control
+from multirod.tasks.controlling.control_kernels import SINGULAR, make_control
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, freed, input_units, with_values
 from multirod.tasks.given import TURNED, plain, turned
@@ -143,7 +143,7 @@ class Controller(Uncopied, Generic[Robot_co]):
     def _refuse_shape(self, limits: Limits, unknowns: FloatArray) -> None:
         """A start whose shape is beyond its limits."""
         assert self._shape is not None
-        found = self._shape.look(unknowns, self._task.problem.read("inputs"))
+        found = self._shape.look(unknowns, self._task.problem.read("inputs"), np.zeros((unknowns.shape[1], self._task.count)))
         if not self._shape.within(found):
             refuse("Controller.limits", limits, f"must hold at the start too, where {self._shape.said(found)}")
         self._shape.last = found
@@ -323,17 +323,22 @@ class Controller(Uncopied, Generic[Robot_co]):
         fields = self._task.problem.record_fields
 
         def looked() -> Look:
-            return shape.look(record[:, fields["unknowns"]], record[:, fields["inputs"]])
+            return shape.look(record[:, fields["unknowns"]], record[:, fields["inputs"]], self._step.by)
 
         shape.integrations = 0
         found = looked()
-        short = shape.shortened(found)
+        short = shape.shortened(found, bool(told[SINGULAR]))
         beyond = shape.refuses(found)
         if beyond.any():
-            self._step.stay(record, told, beyond)
+            self._step.stay(record)
             found = looked()
+            if shape.within(found):
+                for name, values in shape.settled(found).items():
+                    record[0, fields[name]] = values
+            self._step.stayed(record, told, beyond)
             status = int(Status.AT_LIMIT if shape.within(found) else Status.OUT_OF_LIMITS)
         elif short.any():
+            told[SINGULAR] = 0.0
             self._step.hold(told, short)
             status = int(Status.AT_LIMIT)
         self._step.limit_shape(*shape.rows(found), shape.longest)

@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
-from multirod.batch import IntArray
+from multirod.batch import IntArray, solved_each
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem
+from multirod.rotations import matrices
 from multirod.stability import modes_of
+from multirod.tasks.controlling.bent import Bent
 from multirod.tasks.controlling.control_step_kernels import LONGEST
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import Limits
@@ -24,6 +26,8 @@ LEAST_ROOM = 1e-4
 FLAT = 1e-4  # change of that room by a unit (9), below which it is rounding: a rod as bent at rest as its limit stays so
 ROUNDED = np.array([1e-6, 0.0])  # of that room of either limit, what is rounding: of a curvature that is integrated
 FULL = 0.99  # of the longest step, what is as long
+SETTLED = 1e-4  # of the scale of curvatures: a step to an equilibrium that is no longer is off it by its square
+SETTLING = 4  # such steps
 INSET = 2e-3  # of that room, which steps leave: what they are off to second order
 
 
@@ -42,19 +46,19 @@ def largest_bending(problem: BoundaryProblem) -> FloatArray:
 
 def _most(bent: FloatArray, arclength: FloatArray, jumps: FloatArray) -> FloatArray:
     """Most of what is known at nodes (b, node), and of what it goes on to from either side where it may jump, shape (b,)."""
-    every, last = np.arange(len(bent)), bent.shape[1] - 1
+    every, last = np.arange(len(bent))[:, None], bent.shape[1] - 1
     most, jumps = np.fmax.reduce(bent, axis=1), np.sort(jumps, axis=1)
-    for j, at in enumerate(jumps.T):
-        before = (arclength <= at[:, None]).sum(axis=1) - 1
-        within = (before >= 0) & (before < last)
-        for near, step, other in ((before, -1, j - 1), (before + 1, 1, j + 1)):
-            near, far = np.clip(near, 0, last), np.clip(near + step, 0, last)
-            stretch = arclength[every, near] - arclength[every, far]
-            known = within & (stretch != 0)
-            if 0 <= other < jumps.shape[1]:  # both nodes on this side of the next jump
-                known &= (arclength[every, far] - jumps[:, other]) * step < 0
-            slope = (bent[every, near] - bent[every, far]) / np.where(known, stretch, 1.0)
-            most = np.fmax(most, np.where(known, bent[every, near] + slope * (at - arclength[every, near]), 0.0))
+    before = (arclength[:, None] <= jumps[:, :, None]).sum(axis=2) - 1
+    within, none = (before >= 0) & (before < last), np.full((len(bent), 1), np.inf)
+    previous, following = np.concatenate([-none, jumps[:, :-1]], axis=1), np.concatenate([jumps[:, 1:], none], axis=1)
+    for near, step, other in ((before, -1, previous), (before + 1, 1, following)):
+        near, far = np.clip(near, 0, last), np.clip(near + step, 0, last)
+        stretch = arclength[every, near] - arclength[every, far]
+        # both nodes on this side of the next jump
+        known = within & (stretch != 0) & ((arclength[every, far] - other) * step < 0)
+        slope = (bent[every, near] - bent[every, far]) / np.where(known, stretch, 1.0)
+        reached = np.where(known, bent[every, near] + slope * (jumps - arclength[every, near]), 0.0)
+        most = np.fmax(most, np.fmax.reduce(reached, axis=1, initial=0.0))
     return np.asarray(most)
 
 
@@ -76,14 +80,18 @@ class Look:
     Attributes:
         unknowns: Of its equilibrium, shape (1, n).
         inputs: A row of the problem's, shape (1, size).
+        towards: (2) ``a``, by which the last integration was off that equilibrium, shape (n,).
         by: (2) ``B``: how the unknowns vary with what is free along equilibria, shape (n, k).
         room: What is left of each limit of the shape, shape (count,).
+        slopes: How that varies with what is free along equilibria, shape (count, k); NaN where the look does not tell.
     """
 
     unknowns: FloatArray
     inputs: FloatArray
+    towards: FloatArray
     by: FloatArray
     room: FloatArray
+    slopes: FloatArray
 
 
 class ShapeLimits:
@@ -116,9 +124,15 @@ class ShapeLimits:
         device: str,
     ) -> None:
         self._limits, self._unit = limits, unit
+        self._curvature, self._margin = limits.curvature or np.inf, limits.stability_margin or 0.0
         self._one = Task.of(robot, inputs, free, integrator=integrator, device=device)
         many = inputs.with_arrays({name: np.tile(value, (len(unit), 1)) for name, value in inputs.arrays.items()})
         self._probes = Task.of(robot, many, free, integrator=integrator, device=device)
+        shapes = self._one.problem.shapes
+        bending = None if limits.curvature is None or shapes is None else shapes.bending(NODES)
+        self._bent = None if bending is None else Bent(self._one, bending)
+        for task in (self._one, self._probes) if limits.stability_margin is not None else ():
+            task.problem.expect_judging()
         self.names = limits.shape_names
         self.last: Look
         self._rounded = ROUNDED[[limits.curvature is not None, limits.stability_margin is not None]]
@@ -126,24 +140,70 @@ class ShapeLimits:
         self.longest = LONGEST
         self._refused: NDArray[np.bool_] = np.zeros(len(self.names), dtype=bool)  # by the last that was
 
-    def look(self, unknowns: FloatArray, inputs: FloatArray) -> Look:
-        """At unknowns (1, n), which are an equilibrium's to first order, and a row of the problem's inputs (1, size)."""
-        problem = self._one.problem
+    def look(self, unknowns: FloatArray, inputs: FloatArray, by: FloatArray) -> Look:
+        """At unknowns (1, n), which are an equilibrium's to first order, and a row of the problem's inputs (1, size).
+
+        ``by`` is (2) ``B`` (n, k), there or nearby.
+        """
+        problem, bend = self._one.problem, None
         with problem.alone:
-            self._place(problem, unknowns, inputs)
-            self._one.integrate()
-            self.integrations += 1
-            towards, by = self._one.last().eliminated
-        there = unknowns + towards
-        return Look(there, np.array(inputs), by[0], self._room(self._one, there, inputs)[0])
+            problem.write("inputs", inputs)
+            for _ in range(SETTLING):
+                problem.write("unknowns", unknowns)
+                if self._bent is None:
+                    self._one.integrate()
+                else:
+                    bend = self._bent.integrate()
+                self.integrations += 1
+                n = problem.unknown_count
+                towards = -solved_each(problem.read("gamma").reshape(1, n, n), problem.read("residual")[..., None])[..., 0]
+                unknowns = unknowns + towards
+                if not np.abs(towards).max() > SETTLED * problem.curvature_scale()[0]:
+                    break
+            else:
+                unknowns = np.full_like(unknowns, np.nan)  # no equilibrium is near
+            problem.write("unknowns", unknowns)
+            left, slopes = np.full(len(self.names), np.nan), np.full((len(self.names), len(self._unit)), np.nan)
+            for j, name in enumerate(self.names):
+                if name == "stability_margin":
+                    left[j] = self._margins(problem)[0]
+                elif bend is None:
+                    left[j] = self._straightness(problem)[0]
+                else:
+                    left[j] = 1 - (bend.most + bend.by_unknowns @ towards[0]) / self._curvature
+                    slopes[j] = -(bend.by_free + bend.by_unknowns @ by) / self._curvature
+        return Look(unknowns, np.array(inputs), towards[0], by, left, slopes)
+
+    def settled(self, found: Look) -> dict[str, FloatArray]:
+        """``unknowns``, ``position`` and ``rotation`` of the equilibrium that the last look found, as records have them."""
+        problem = self._one.problem
+        moved = problem.pose_by_unknowns()[0] @ found.towards
+        turned = matrices(moved[None, 3:])[0] @ problem.read("rotation").reshape(3, 3)
+        return {
+            "unknowns": found.unknowns[0],
+            "position": problem.read("position")[0] + moved[:3],
+            "rotation": turned.ravel(),
+        }
+
+    def _margins(self, problem: BoundaryProblem) -> FloatArray:
+        """What is left of the stability margin at what a problem holds, shape (b,)."""
+        self.integrations += problem.instance_count
+        lowest = None if problem.stability is None else problem.stability.lowest()
+        return np.asarray((modes_of(problem).eigenvalue(0) if lowest is None else lowest) - self._margin)
+
+    def _straightness(self, problem: BoundaryProblem) -> FloatArray:
+        """What is left of the curvature, as a part of its limit, shape (b,)."""
+        self.integrations += problem.instance_count
+        return np.asarray(1 - largest_bending(problem) / self._curvature)
 
     def within(self, found: Look) -> bool:
         """Whether a look found all within limits; what is not known is not."""
         return bool((found.room >= -self._rounded).all())
 
-    def shortened(self, found: Look) -> NDArray[np.bool_]:
-        """Which limits, (count,), made the step to a command as short as it is: those that one was beyond not long ago."""
-        short = self.longest < LONGEST and self._step(found) > FULL * self.longest
+    def shortened(self, found: Look, left_over: bool) -> NDArray[np.bool_]:
+        """Which limits, (count,), made the step to a command as short as it is: those that one was beyond not long ago. It is, if
+        nothing else holds it and it ``left_over`` some of what was asked for."""
+        short = self.longest < LONGEST and (left_over or self._step(found) > FULL * self.longest)
         return self._refused & short
 
     def _step(self, found: Look) -> float:
@@ -178,25 +238,27 @@ class ShapeLimits:
         matrix, high = np.zeros((len(self.names), len(self._unit))), np.full(len(self.names), np.inf)
         near = found.room < ASKED_BELOW if self.longest == LONGEST else np.ones(len(self.names), dtype=bool)
         if near.any():
-            places, step = self._probes.places, PROBE * self._unit
-            many = np.repeat(found.inputs, len(step), axis=0)
-            many[:, places] += np.diag(step)
-            probed = self._room(self._probes, found.unknowns + found.by.T * step[:, None], many)
-            slope = (probed - found.room).T / step
+            places, slope = self._probes.places, self._probed(found, near)
             slope[np.abs(slope) * self._unit < FLAT] = 0.0
             near &= np.isfinite(slope).all(axis=1)
             matrix[near] = -slope[near]
             high[near] = np.maximum(found.room - INSET, 0.0)[near] + matrix[near] @ found.inputs[0, places]
         return matrix, high
 
-    def _room(self, task: Task, unknowns: FloatArray, inputs: FloatArray) -> FloatArray:
-        problem = task.problem
-        with problem.alone:
-            self._place(problem, unknowns, inputs)
-            self.integrations += len(inputs)
-            return room(problem, self._limits)
-
-    @staticmethod
-    def _place(problem: BoundaryProblem, unknowns: FloatArray, inputs: FloatArray) -> None:
-        problem.write("unknowns", unknowns)
-        problem.write("inputs", inputs)
+    def _probed(self, found: Look, asked: NDArray[np.bool_]) -> FloatArray:
+        """(18) How the room of the limits that are asked for, (count,), varies along equilibria, shape (count, k); where the look
+        did not tell, by its differences."""
+        slopes, open_ = found.slopes.copy(), asked & np.isnan(found.slopes).any(axis=1)
+        if open_.any():
+            problem, step = self._probes.problem, PROBE * self._unit
+            many = np.repeat(found.inputs, len(step), axis=0)
+            many[:, self._probes.places] += np.diag(step)
+            with problem.alone:
+                problem.write("unknowns", found.unknowns + found.by.T * step[:, None])
+                problem.write("inputs", many)
+                problem.integrate()
+                for j in np.flatnonzero(open_).tolist():
+                    margin = self.names[j] == "stability_margin"
+                    probed = self._margins(problem) if margin else self._straightness(problem)
+                    slopes[j] = (probed - found.room[j]) / step
+        return slopes

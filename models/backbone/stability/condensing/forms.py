@@ -80,6 +80,10 @@ class CompiledForm:
         found: Array = self._shared[name].array
         return found
 
+    def values(self, name: str) -> FloatArray:
+        """The same as NumPy sees it: on the CPU in place."""
+        return self._shared[name].fetched()
+
     def want_all(self) -> None:
         """Have launches condense all instances."""
         self._shared["wanted"].write(1)
