@@ -7,7 +7,7 @@ from scipy.special import ellipe, ellipk
 from test_network import EXACT, GIVEN, RK4, mixed, pose
 
 import multirod as mr
-from multirod.models.network.elements.elements import Elements
+from multirod.models.network.elements.elements import Elements, torque_units
 from multirod.models.network.stability import stability as network_stability
 
 STEEP = {name: value for name, value in GIVEN.items() if name != "moment"}  # loads with a potential
@@ -78,7 +78,7 @@ def test_what_a_joint_says_of_its_rod_is_what_the_network_says(monkeypatch):
         across = np.linalg.svd(by_angle)[0][:, count:]
         own = np.linalg.svd(across.T @ by_own)[2][3 - count :].T
         follow = -np.linalg.pinv(by_angle) @ by_own @ own
-        torque = problem.stiffness[0, rod] * (columns[free, :6] @ own + columns[free, free] @ follow)
+        torque = torque_units(problem, 1)[0, rod, :count, None] * (columns[free, :6] @ own + columns[free, free] @ follow)
         frame = state.ends[0].rotation[0, rod].T @ state.ends[1].frame[0, rod]
         expected = frame @ np.linalg.pinv(state.ends[1].joints.axes[0, rod][:, :count]).T @ torque
         found = joints.free[0, rod] @ moment[rod] @ own + joints.spring[0, rod] @ turn[rod] @ own

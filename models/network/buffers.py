@@ -10,6 +10,7 @@ from multirod.kernels.warp_types import Array, Struct
 from multirod.models.network.elements import records
 from multirod.models.network.elements.elements import POSE
 from multirod.models.network.elements.groups import ALONG, ON_RODS
+from multirod.models.network.joining.sliding import push_units
 from multirod.models.network.places import FIXED, FOLLOWING, LOADED, PER_ROD
 from multirod.models.network.poses import ground_of
 from multirod.problem.buffers import BUFFERS
@@ -76,7 +77,7 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     own.share, own.shared = array(slides.share), array(slides.shared, wp.int32)
     sections = [arrays.repeated(problem.batch_shape) for arrays in graph.arrays]
     own.hole_spring, own.hole_rest = (array(values) for values in slides.springs)
-    own.below = array(slides.below)
+    own.below, own.push_unit = array(slides.below), array(push_units(problem))
     own.softness = array(np.stack([a.material[:, 0, 0, 3:9] for a in sections], axis=1))
     own.at_rest = array(np.stack([a.precurvature[:, 0, 0, :3] for a in sections], axis=1), wp.vec3d)
     own.reference_position, own.reference_rotation = (

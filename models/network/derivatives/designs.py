@@ -14,6 +14,7 @@ from multirod.models.backbone.derivatives.designs import AROUND, COMPONENTS, car
 from multirod.models.network.elements.elements import TURNING, Elements
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup
 from multirod.models.network.graph import ENDS, Graph
+from multirod.models.network.joining.sliding import push_units
 from multirod.models.network.places import FIXED, LOADED
 from multirod.models.network.poses import ground_of
 from multirod.validation import FloatArray
@@ -228,7 +229,7 @@ class Aim:
         problem = self.problem
         if not problem.layout.holes:
             return
-        L, EI, size = problem.length, problem.stiffness, problem.layout.size
+        size, scales = problem.layout.size, problem.length[:, None, : problem.rod_count] / push_units(problem)
         for group in problem.groups:
             if not group.slides:
                 continue
@@ -238,7 +239,7 @@ class Aim:
                 for end, sense in ((1, 1.0), (0, -1.0)):
                     rates = self._sliding_rates(group, columns.name, end)
                     for place, rod in enumerate(group.members.tolist()):
-                        scale = sense * (L / EI)[:, rod, None]
+                        scale = sense * scales[:, 1 - end, rod, None]
                         there = slice(columns.start, columns.start + rates.shape[2])
                         along[:, rod, size - 1 - end, there] += scale * rates[:, place]
 

@@ -19,6 +19,7 @@ from multirod.models.network.elements.end_kernels import (
     nothing,
     pushed_at,
     stretched,
+    torque_unit,
 )
 from multirod.models.network.elements.records import (
     CARRIED_AT,
@@ -156,7 +157,7 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
         torque = torque_change(own.base, -net.spring[0, rod], moment, by_all, change.base_angle)
         force = own.base.joint * own.base_force  # (36)
         by_all = own.base.joint * change.base_n - wp.cross(force, own.base.turns * change.base_angle)
-        torque = (torque + wp.transpose(own.base.slide) * by_all + change.base_push) / EI
+        torque = wp.cw_div(torque + wp.transpose(own.base.slide) * by_all + change.base_push, torque_unit(net, b, rod, 0))
         if net.shared[rod] != 0:  # (19)
             torque = -torque
         write(net.element, b, rod, angles, k, torque)
@@ -168,7 +169,7 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
         by_all = inward * (by_moment + wp.cross(moment, change.tip_turn))
         torque = torque_change(own.tip, net.spring[1, rod], inward * moment, by_all, change.tip_angle)
         by_all = inward * (by_force + wp.cross(frame * own.force, change.tip_turn))  # (36)
-        torque = (torque + wp.transpose(own.tip.slide) * by_all - change.tip_push) / EI
+        torque = wp.cw_div(torque + wp.transpose(own.tip.slide) * by_all - change.tip_push, torque_unit(net, b, rod, 1))
         write(net.element, b, rod, angles + wp.static(MOST), k, torque)
     # (11)
     holder = net.holder[0, rod]
@@ -191,8 +192,8 @@ def write_column(net: wp.ref[Networks], own: wp.ref[Element], change: wp.ref[Cha
         by_base = wp.dot(own.base_stretched, change.base_n) + wp.dot(own.base_bent, change.base_m)
         net.element[b, rod, more + wp.static(TENSION_AT), k] = by_tip
         net.element[b, rod, more + wp.static(TENSION_AT + 1), k] = by_base
-        net.element[b, rod, more - 2, k] = (L / EI) * by_tip
-        net.element[b, rod, more - 1, k] = -(L / EI) * by_base
+        net.element[b, rod, more - 2, k] = (L / net.push_unit[b, 0, rod]) * by_tip
+        net.element[b, rod, more - 1, k] = -(L / net.push_unit[b, 1, rod]) * by_base
     if rod == net.effector_rod:
         move = change.base_move + frame * (change.q + wp.cross(beta, own.position))
         write(net.element, b, rod, more + wp.static(TIP_POSE_AT), k, move)
@@ -347,7 +348,7 @@ def write_values(net: wp.ref[Networks], own: wp.ref[Element]):
         torque = wp.transpose(own.base.axes) * (own.base.joint * own.base_moment)
         torque += wp.transpose(own.base.slide) * (own.base.joint * own.base_force)  # (36)
         torque += pushed_at(net, b, rod, 0)  # (40)
-        torque = (torque - wp.cw_mul(net.spring[0, rod], own.base.angle - net.rest[0, rod])) / EI
+        torque = wp.cw_div(torque - wp.cw_mul(net.spring[0, rod], own.base.angle - net.rest[0, rod]), torque_unit(net, b, rod, 0))
         write_value(net.value, b, rod, angles, wp.where(net.shared[rod] != 0, -torque, torque))
     force = frame * own.force
     moment = frame * own.moment
@@ -355,10 +356,9 @@ def write_values(net: wp.ref[Networks], own: wp.ref[Element]):
         torque = wp.transpose(own.tip.axes) * (wp.transpose(own.tip.frame) * moment)
         torque += wp.transpose(own.tip.slide) * (wp.transpose(own.tip.frame) * force)  # (36)
         torque -= pushed_at(net, b, rod, 1)
-        torque = (torque + wp.cw_mul(net.spring[1, rod], own.tip.angle - net.rest[1, rod])) / EI
+        torque = wp.cw_div(torque + wp.cw_mul(net.spring[1, rod], own.tip.angle - net.rest[1, rod]), torque_unit(net, b, rod, 1))
         write_value(net.value, b, rod, angles + wp.static(MOST), torque)
-    carried = frame * own.base_force - force
-    write_value(net.value, b, rod, net.size + wp.static(CARRIED_AT), carried)
+    write_value(net.value, b, rod, net.size + wp.static(CARRIED_AT), frame * own.base_force - force)
     at = angles + wp.static(2 * MOST)
     for e in range(2):
         holder = net.holder[e, rod]
@@ -396,7 +396,7 @@ def write_slides(net: wp.ref[Networks], own: wp.ref[Element]):
         bent = wp.cw_mul(k, moment)
         stretched = wp.cw_mul(s, force)
         tension = wp.dot(force, axis + half * stretched) + wp.dot(moment, rest + half * bent)
-        scaled = tension * own.length / own.stiffness
+        scaled = tension * own.length / net.push_unit[b, e, rod]
         if e == 0:
             own.stretched = Q * (axis + stretched)
             own.bent = Q * (rest + bent)
@@ -556,7 +556,7 @@ def form(net: Networks, group: RodGroup):
             net.element[b, rod, i, net.size - 2] = by_length
             net.element[b, rod, i, net.size - 1] = -by_length
     if net.holes != 0 and net.hole_spring[rod] > f64(0.0):  # (37)
-        pull = net.hole_spring[rod] * L / own.stiffness
+        pull = net.hole_spring[rod] * L / net.push_unit[b, 0, rod]
         net.value[b, rod, net.size - 2] -= pull * stretched(net, b, rod)
         net.element[b, rod, net.size - 2, net.size - 2] -= pull * L * L
         for d in range(net.direction_count):

@@ -23,6 +23,7 @@ TURNING = records.TURNING  # directions in which the base of a rod may turn
 # rows of an element: gap and mismatch of the tip, or what is free there; what else is the rod's own; torques of the joints; the
 # balances of both bodies; what slides through the holes at tip and base
 GAP_AT, TURN_AT = slice(0, 3), slice(3, 6)
+STIFFEST = 1e4  # EI/L: beyond any margin
 
 
 @dataclass(frozen=True)
@@ -138,6 +139,18 @@ class Elements:
         self.angles: FloatArray = more[:, :, problem.groups[0].angles_at - size :]
         self.carried: FloatArray = value[:, :, size + records.CARRIED_AT :][:, :, :3]
         self.tip_position: FloatArray = problem.networks.tip_position.numpy()
+
+
+def torque_units(problem: "NetworkProblem", end: int) -> FloatArray:
+    """(9) What torques about the axes of joints at bases (0) or tips (1) are told in [N m^2], shape (instance, rod, 3)."""
+    L, EI = (scale[:, : problem.rod_count, None] for scale in (problem.length, problem.stiffness))
+    return np.asarray(EI + L * problem.graph.ends[end].table.stiffness)
+
+
+def counted(units: FloatArray, stiffness: FloatArray) -> FloatArray:
+    """What counts as one in a coordinate whose spring, if any, is told in ``units`` [N m^2], on a rod of some ``stiffness``: less
+    of one that hardly gives way, or the rounding of what it stores would hide all other modes."""
+    return np.asarray(1 / np.sqrt(np.maximum((units / stiffness - 1) / STIFFEST, 1)))
 
 
 def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:

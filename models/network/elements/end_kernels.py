@@ -79,6 +79,13 @@ def end_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> End:
 
 
 @wp.func
+def torque_unit(net: wp.ref[Networks], b: int, rod: int, e: int) -> wp.vec3d:
+    """(9) What torques about the axes of a joint are told in: of a stiff spring, so that it is the angle which is told."""
+    EI = net.stiffness[b, rod]
+    return wp.vec3d(EI, EI, EI) + net.length[b, rod] * net.spring[e, rod]
+
+
+@wp.func
 def pushed_at(net: wp.ref[Networks], b: int, rod: int, e: int) -> wp.vec3d:
     """(40) What acts along the coordinates of a joint."""
     result = nothing()

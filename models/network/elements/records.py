@@ -78,6 +78,7 @@ class Networks:
     pieces: wp.array[int]
     shared: wp.array[int]  # whether its base is the hole at the tip of the piece below
     hole_spring: wp.array[wp.float64]  # (37) (rod,): of the hole at the tip of a piece
+    push_unit: wp.array3d[wp.float64]  # (instance, end, rod): tips come first
     hole_rest: wp.array[wp.float64]
     below: wp.array[wp.float64]  # share of its rod below that hole
     softness: wp.array3d[wp.float64]  # (instance, rod, 6): inverse stiffnesses, of bending and torsion, then shear and stretching

@@ -132,6 +132,13 @@ def piece(rod: Rod, count: int) -> Rod:
     return changed(rod, sections=(replace(section, length=section.length / count),))
 
 
+def push_units(problem: "NetworkProblem") -> FloatArray:
+    """(37) What pushes through holes at tips, then at bases, are told in [N m^2], shape (instance, 2, piece)."""
+    L, EI = (scale[:, None, : problem.rod_count] for scale in (problem.length, problem.stiffness))
+    slides, springs = problem.graph.slides, problem.graph.slides.springs[0]
+    return np.asarray(EI + L**3 * np.stack([springs, np.where(slides.shared, np.roll(springs, 1), 0.0)]))
+
+
 def slid(problem: "NetworkProblem", state: "State", elements: "Elements", gap: FloatArray) -> FloatArray:
     """(23) Of each element, how what it says of the hole at its tip and of that at its base varies, by the other variables, then
     by its length, by rows of its gap ``gap`` (instance, piece, 3, k + 1); shape (instance, piece, 2, k + 1)."""

@@ -16,8 +16,9 @@ from multirod.capabilities import Conjugates
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.kernels.tips import as_far, longest
 from multirod.models.backbone.units import unit_stiffness
-from multirod.models.network.elements.elements import GAP_AT, OWN, POSE, TURN_AT, Elements
+from multirod.models.network.elements.elements import GAP_AT, OWN, POSE, TURN_AT, Elements, counted, torque_units
 from multirod.models.network.joining.joints import MOST
+from multirod.models.network.joining.sliding import push_units
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -67,13 +68,16 @@ class NetworkConjugates(Conjugates):
             unit[:, self._rows(tubes)] = tubes.torsion
         for rod in graph.free.tolist():
             unit[:, places[rod, TURN_AT]] = EI[:, rod, None]
-        for at in problem.layout.angles_at:
-            rod, which = np.nonzero(places[:, at] >= 0)
-            unit[:, places[rod, at.start + which]] = EI[:, rod]
         scale[unit != 0] = 1.0
+        for end, at in enumerate(problem.layout.angles_at):
+            rod, which = np.nonzero(places[:, at] >= 0)
+            own = places[rod, at.start + which]
+            unit[:, own] = torque_units(problem, end)[:, rod, which]
+            scale[:, own] = counted(unit[:, own], EI[:, rod])
         below = np.flatnonzero(graph.slides.upper >= 0)
         holes = problem.first_hole + graph.slides.upper[below]
-        unit[:, holes], scale[:, holes] = (EI / L)[:, below], length[:, None]
+        pushes = push_units(problem)[:, 0, below]
+        unit[:, holes], scale[:, holes] = pushes / L[:, below], length[:, None] * counted(pushes, EI[:, below])
         poses = problem.first_pose + np.arange(POSE * bodies).reshape(-1, POSE)
         unit[:, poses[:, :3]], scale[:, poses[:, :3]] = (EI / L)[:, rods:, None], length[:, None, None]
         unit[:, poses[:, 3:]], scale[:, poses[:, 3:]] = EI[:, rods:, None], 1.0

@@ -17,9 +17,9 @@ from multirod.models.backbone.stability.condensing.second_variation import (
     certain_determinant,
     symmetric_eigenvalues,
 )
-from multirod.models.network.elements.elements import GAP_AT, OWN, TURN_AT, Elements
+from multirod.models.network.elements.elements import GAP_AT, OWN, TURN_AT, Elements, counted, torque_units
 from multirod.models.network.joining.joints import MOST
-from multirod.models.network.joining.sliding import slid
+from multirod.models.network.joining.sliding import push_units, slid
 from multirod.models.network.stability.spectrum import NEAREST, SPARSE, Scales, nearest_to_zero
 from multirod.models.network.state import forces_on, reference_state
 from multirod.stability import Modes, StabilityAnalysis
@@ -236,7 +236,7 @@ class NetworkStability(StabilityAnalysis):
         held = problem.graph.ends[1].held
         L, EI = problem.length, problem.stiffness
         count = problem.instance_count
-        rows, columns = np.ones((count, size)), np.ones((count, size))
+        rows, columns, (unit, mean) = np.ones((count, size)), np.ones((count, size)), self._units()
         rows[:, : 3 * rods] = np.repeat(np.where(held, -(L[:, :rods] ** 2), EI[:, :rods]), 3, axis=1)
         places = self.rows.of_tensions
         for group in problem.groups:
@@ -249,11 +249,13 @@ class NetworkStability(StabilityAnalysis):
                 there = places[rod, : own.shape[1]]
                 soft = np.sqrt(np.maximum(part, LOOSE))
                 rows[:, there], columns[:, there] = -own * soft, 1 / (L[:, rod, None] * soft)
-        for angles, sense in zip(problem.layout.angles_at, (-1.0, 1.0), strict=True):
+        for end, (angles, sense) in enumerate(zip(problem.layout.angles_at, (-1.0, 1.0), strict=True)):
             at = problem.places[:, angles]
             rod, which = np.nonzero(at >= 0)
             places = self.rows.of(at[rod, which])
-            rows[:, places], columns[:, places] = sense * EI[:, rod], 1 / L[:, rod]
+            torques = torque_units(problem, end)[:, rod, which]
+            rows[:, places], columns[:, places] = sense * torques, 1 / L[:, rod]
+            unit[:, places] = counted(torques, EI[:, rod])
         slides = problem.graph.slides
         below = np.flatnonzero(slides.upper >= 0)
         holes = self.rows.of(np.array(problem.first_hole)) + slides.upper[below]
@@ -262,7 +264,7 @@ class NetworkStability(StabilityAnalysis):
         length, stiffness = L[:, rods:, None], EI[:, rods:, None]
         rows[:, poses[:, :3]], rows[:, poses[:, 3:]] = stiffness / length, stiffness
         columns[:, poses[:, :3]] = 1 / length**2
-        unit, mean = self._units()
+        unit[:, holes] *= counted(push_units(problem)[:, 0, below], EI[:, below])
         rows, columns = rows * unit * mean[:, None], columns * unit
         turns = np.swapaxes(state.frames.axes, -1, -2) @ state.frames.turns[:, state.frames.moving]
         turns = np.linalg.inv(turns) * unit[:, poses[:, 3:]][..., None, :] / unit[:, poses[:, 3:]][..., :, None]
