@@ -49,17 +49,28 @@ def test_legs_on_stiff_springs_are_clamped(kind):
     np.testing.assert_allclose(other.jacobian("force"), one.jacobian("force"), rtol=0, atol=1e-6)
 
 
+def frame(kind):
+    """Two strips and a beam."""
+    strip, beam, joints = mr.Rod(length=0.2, bending_stiffness=(0.5, 0.02), torsional_stiffness=0.015), mr.Body("beam"), []
+    for name, angle in (("left", 180), ("right", 0)):
+        joints.append(held(name, "base", kind, to=mr.ground, pose=circle([angle], 0.1)[0]))
+        joints.append(held(name, "tip", kind, to=beam, pose=circle([angle], 0.1)[0]))
+    return mr.Network(rods={"left": strip, "right": strip}, bodies=[beam], joints=joints)
+
+
+def test_gamma_with_stiff_springs_is_as_regular_as_with_clamps():
+    """Told over ``EI`` alone, torques make it 1e10 times as singular."""
+    clamped, sprung = frame("clamped"), frame("universal")
+    load = {"force": {"beam": (0.1, 0.05, -2.0)}}
+    one, other = (mr.solve(robot, robot.inputs(**load)).raise_if_failed() for robot in (clamped, sprung))
+    np.testing.assert_allclose(other.tip_position, one.tip_position, rtol=0, atol=1e-8)
+    assert np.linalg.cond(other.gamma) < 10 * np.linalg.cond(one.gamma)
+
+
 def test_a_frame_on_stiff_springs_sways_where_a_clamped_one_does():
     """The event at the same load, and the place to the same 1e-6 of the length that branches are found to."""
-    found = []
-    for kind in ("clamped", "universal"):
-        strip, beam, joints = mr.Rod(length=0.2, bending_stiffness=(0.5, 0.02), torsional_stiffness=0.015), mr.Body("beam"), []
-        for name, angle in (("left", 180), ("right", 0)):
-            joints.append(held(name, "base", kind, to=mr.ground, pose=circle([angle], 0.1)[0]))
-            joints.append(held(name, "tip", kind, to=beam, pose=circle([angle], 0.1)[0]))
-        robot = mr.Network(rods={"left": strip, "right": strip}, bodies=[beam], joints=joints)
-        found.append(mr.solve(robot, robot.inputs(force={"beam": (0, 0, -1.1 * 2 * np.pi**2 * 0.02 / 0.2**2)})))
-    one, other = found
+    force = {"beam": (0, 0, -1.1 * 2 * np.pi**2 * 0.02 / 0.2**2)}
+    one, other = (mr.solve(robot, robot.inputs(force=force)) for robot in map(frame, ("clamped", "universal")))
     assert one.status is other.status is mr.Status.BIFURCATED
     assert other.integrations <= 1.2 * one.integrations
     np.testing.assert_allclose(other.events[0].load_factor, one.events[0].load_factor, rtol=1e-6)
