@@ -534,14 +534,18 @@ def test_limits_that_are_refused(given, message):
         mr.Limits(**given)
 
 
+def pulled_wire(angles, **stretch):
+    """Tendons of given length at these angles around a wire."""
+    offsets = 0.008 * np.column_stack([np.cos(angles), np.sin(angles)])
+    lines = [mr.Tendon(offset, driven="displacement", **stretch) for offset in offsets]
+    wire = mr.Rod.wire(length=0.2, diameter=1.4e-3, young_modulus=60e9, shear_modulus=23e9, density=6450, lines=lines)
+    return mr.SingleRod(wire)
+
+
 @pytest.fixture(scope="module")
 def segment():
     """Three tendons of given length, under a weight; and inputs at which all are taut."""
-    angles = np.radians([90, 210, 330])
-    offsets = 0.008 * np.column_stack([np.cos(angles), np.sin(angles)])
-    lines = [mr.Tendon(offset, driven="displacement", axial_stiffness=2000.0) for offset in offsets]
-    wire = mr.Rod.wire(length=0.2, diameter=1.4e-3, young_modulus=60e9, shear_modulus=23e9, density=6450, lines=lines)
-    robot = mr.SingleRod(wire)
+    robot = pulled_wire(np.radians([90, 210, 330]), axial_stiffness=2000.0)
     return robot, robot.inputs(displacement=2e-4, tip_force=(0, 0, -0.49), gravity=(0, 0, -9.81))
 
 
@@ -565,6 +569,37 @@ def test_a_target_comes_before_the_middle(segment):
     target = mr.Pose(axis=(0.3, 0.1, 1))
     assert mr.reach(robot, target, inputs, prefer="smallest motion", **options).status == mr.Status.REACHED
     assert mr.reach(robot, target, inputs, prefer="middle", **options).status == mr.Status.REACHED
+
+
+def from_slack_lines(robot, angles):
+    """Targets that pulled tendons at these angles hold the tip at, sought from where no line is pulled."""
+    loads = {"tip_force": (0, 0, -0.2), "gravity": (0, 0, -9.81)}
+    pulled = np.array([0.004 * np.cos(angles - turn) - 1e-5 for turn in (0.3, 1.4, 3.0, 5.0)])
+    there = mr.solve(robot, robot.inputs(displacement=pulled, **loads)).raise_if_failed()
+    for target in (mr.Pose(axis=there.tip_rotation[:, :, 2]), mr.Pose(position=there.tip_position)):
+        limits = mr.Limits(displacement=(-0.01, 0.01))
+        found = mr.reach(robot, target, robot.inputs(**loads), free="displacement", limits=limits)
+        assert (found.status == mr.Status.REACHED).all()
+        assert (np.abs(found.inputs.displacement) < 0.01).all()  # no line is let out as far as its limit
+        # from nothing, at the same lengths: the tip notices nothing of what does not pull
+        solved = mr.solve(robot, found.inputs).raise_if_failed()
+        np.testing.assert_allclose(solved.tip_position, found.tip_position, rtol=0, atol=1e-7)
+        # as far as lines of given length determine how they share: in all of them together any pull would do
+        np.testing.assert_allclose(solved.tension, found.tension, rtol=0, atol=1e-3 * solved.tension.max())
+
+
+@pytest.mark.parametrize("stretch", [{"axial_stiffness": 2000.0}, {}], ids=["elastic", "inextensible"])
+def test_from_slack_lines_targets_are_reached_by_their_tensions(stretch):
+    """(19) Nothing that is let out, or pulled while it is slack, moves the tip: all were ``SINGULAR_TASK``, or let out as far as
+    limits allowed, and held there."""
+    angles = np.radians([90, 210, 330])
+    from_slack_lines(pulled_wire(angles, **stretch), angles)
+
+
+@pytest.mark.parametrize("stretch", [{"axial_stiffness": 2000.0}, {}], ids=["elastic", "inextensible"])
+def test_from_four_slack_lines_targets_are_reached(stretch):
+    angles = np.radians([0, 90, 180, 270])
+    from_slack_lines(pulled_wire(angles, **stretch), angles)
 
 
 def test_what_is_surely_stable_is_stable_and_most_of_what_is_stable_is_told_so():

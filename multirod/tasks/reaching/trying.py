@@ -22,6 +22,7 @@ from multirod.tasks.reaching.reached import ShapeHolds
 from multirod.tasks.reaching.redundancy import steadied
 from multirod.tasks.reaching.search import AT_LIMIT, REACHED, Search
 from multirod.tasks.reaching.sliding import Slid, slid
+from multirod.tasks.reaching.tightened import tightened
 from multirod.tasks.rows import Pose
 from multirod.validation import (
     FloatArray,
@@ -94,6 +95,7 @@ def search_part(
     search.sought(within)
     if not search.all_reached:
         search.status[~sound], search.status[sound & ~within] = status[~sound], Status.OUT_OF_LIMITS
+        tightened(search, within)
         if work.of_shape is not None and not work.robot.batch_shape:
             _along_limits(work, search, piece, np.flatnonzero(within & (search.status != REACHED)))
         if work.starts:
