@@ -36,6 +36,7 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
+    from multirod.models.network.state import State
 
 CLOSING = 6  # steps of Newton's method by which a network is put together at once
 WIDEST = 3.0  # times the first of them, that any may be
@@ -71,7 +72,10 @@ class Beams:
     Attributes:
         tip, turn: Position (..., rod, 3) and rotation (..., rod, 3, 3) of the tips.
         answers: ``tip_answers`` of each rod, shapes (..., m, 6) and (..., 6, 6).
+        state: Of the network taken apart.
     """
+
+    state: "State"
 
     def __init__(self, problem: "NetworkProblem") -> None:
         shape = problem.instance_count, problem.rod_count
@@ -86,10 +90,11 @@ class Beams:
     def bent(self, problem: "NetworkProblem", x: FloatArray, compliance: float) -> FloatArray:
         """Unknowns of the network put together without loads, its rods beams that give way along themselves by ``compliance``
         [L^3/EI], from those of the network taken apart: body by body, as what stands on a body leaves no wrench on it."""
-        x, table = np.array(x), problem.graph.ends[1].table
-        for body, rods in problem.graph.standing:
-            problem.write("unknowns", x)
-            state = problem.state()
+        x, table, state = np.array(x), problem.graph.ends[1].table, self.state
+        for k, (body, rods) in enumerate(problem.graph.standing):
+            if k:
+                problem.write("unknowns", x)
+                state = problem.state()
             base, poses = state.ends[0], state.frames
             legs = self._legs(problem, rods, base.position[:, rods], base.rotation[:, rods]).softened((compliance,))
             arm, frame = (values[:, rods] for values in problem.attachments[1])
@@ -140,21 +145,24 @@ def taken_apart(problem: "NetworkProblem", inputs: FloatArray) -> Apart:
         problem.closing.soft[:] = 1.0
         problem.integrate()
         beams = Beams(problem) if problem.graph.standing else None
-        _place(problem, x)
+        state = _place(problem, x)
+        if beams is not None:
+            beams.state = state
         problem.write("unknowns", x)
         problem._assemble()
         gamma = np.array(problem.closing.numbers())
-        return Apart(inputs, x, problem.read("residual"), gamma, _turned(problem), beams)
+        return Apart(inputs, x, problem.read("residual"), gamma, _turned(problem, state), beams)
 
 
-def _turned(problem: "NetworkProblem") -> FloatArray:
-    """``Apart.turned`` at the present unknowns."""
-    base, tip = problem.state().ends
+def _turned(problem: "NetworkProblem", state: "State") -> FloatArray:
+    """``Apart.turned`` where bodies and bases are so."""
+    base, tip = state.ends
     return np.asarray(problem.attachments[1][1] @ np.swapaxes(tip.frame, -1, -2) @ base.rotation)
 
 
-def _place(problem: "NetworkProblem", x: FloatArray) -> None:
-    """(13) Bodies by the rods as they were integrated, and the angles of joints at tips by both."""
+def _place(problem: "NetworkProblem", x: FloatArray) -> "State":
+    """(13) Bodies by the rods as they were integrated, and the angles of joints at tips by both; all but these angles as it is
+    then."""
     shape = (problem.instance_count, problem.rod_count)
     tip, turn = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
     for group in problem.groups:
@@ -165,11 +173,13 @@ def _place(problem: "NetworkProblem", x: FloatArray) -> None:
     moving = slice(1, 1 + problem.body_count)
     x[:, problem.first_pose :] = pose_unknowns(problem, position[:, moving], rotation[:, moving])
     problem.write("unknowns", x)
-    base, end = problem.state().ends
+    state = problem.state()
+    base, end = state.ends
     inward = np.swapaxes(end.frame, -1, -2)
     apart = base.position + (base.rotation @ tip[..., None])[..., 0] - end.position
     moved = (inward @ apart[..., None])[..., 0] + end.joints.moved
     _set_angles(problem, x, problem.layout.angles_at[1], problem.graph.ends[1].table.fitted(inward @ base.rotation @ turn, moved))
+    return state
 
 
 def _set_angles(problem: "NetworkProblem", x: FloatArray, at: slice, angles: FloatArray) -> None:
@@ -244,7 +254,7 @@ class NetworkJoints(Joints):
         self.shut()
         with problem.everyone(), problem.at_load(0.0):
             residual = problem.evaluate(unknowns)[0]
-        problem.closing.open_at(unknowns, residual, _turned(problem))
+        problem.closing.open_at(unknowns, residual, _turned(problem, problem.state()))
 
     def together(self) -> Together:
         """(30) By Newton's method from the network taken apart, where its steps soon become much shorter."""
