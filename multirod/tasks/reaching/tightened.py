@@ -103,7 +103,7 @@ def tightened(search: Search, chosen: NDArray[np.bool_]) -> None:
     """Seek what the chosen instances (b,) have not reached from where the tensions of their lines lead, of those that began with
     a slack one: its length does nothing as long as it stays slack."""
     way = Tightening(search)
-    if not way.offered:
+    if not way.offered or search.goals.of_shape is not None:  # the way there is not looked at
         return
     rows = way.rows(chosen)
     found = {row: place for row in rows.tolist() if (place := way.of(row)) is not None}
