@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from creeping_tubes import CreepingTubes, Curved
 from leg_energy import Leg, LegEnergy
 from meant import meant
 from random_scenes import direction, log_uniform
@@ -112,6 +113,21 @@ class Motion:
         result = LegEnergy(legs, position, turn, np.zeros(3), held=self.end is not None)
         self.place(result, time)
         return result
+
+    def unloaded_tubes(self, count: int) -> CreepingTubes | None:
+        """Tubes on so many segments, whose bases are not turned yet; None of what is not tubes alone without loads."""
+        sections, length = self.sections[0], self.length
+        loaded = self.end is not None or len(self.sections) > 1 or self.waves["tip_force"][0].any()
+        if loaded or len(sections) == 1 or any(own.precurvature[1:].any() for own in sections):
+            return None
+        part = length / SEGMENTS
+        return CreepingTubes(
+            [
+                Curved(own.reach * part, own.stiffness[0], own.stiffness[2], own.straight * part, own.precurvature[0])
+                for own in sections
+            ],
+            count,
+        )
 
     @property
     def length(self) -> float:

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from medium_energy import MediumEnergy
+from medium_energy import MediumEnergy, TubesInMedium
 from scipy.optimize import brentq
 
 import multirod as mr
@@ -255,3 +255,56 @@ def test_what_only_segments_solve_is_judged_as_what_shooting_does():
     np.testing.assert_allclose(by_segments.tip_position, by_shooting.tip_position, atol=1e-9)
     assert by_segments.potential == pytest.approx(by_shooting.potential, rel=1e-8)
     assert by_segments.stability_margin == pytest.approx(by_shooting.stability_margin, rel=1e-5)
+
+
+COUNT = 16  # segments
+
+
+def tube(reach, EI, GJ, curvature, straight=0, k=0.0):
+    """Of so many segments, the first ones straight; and the same for the energy."""
+    h, bent = 1 / COUNT, np.array(curvature, float)
+    sections = [(straight * h, (0, 0, 0))] * (straight > 0) + [((reach - straight) * h, tuple(bent))]
+    rod = mr.Rod(length=reach * h, bending_stiffness=EI, torsional_stiffness=GJ, precurvature=sections, foundation=k)
+    return rod, (EI, GJ, np.where(np.arange(reach)[:, None] < straight, 0.0, bent))
+
+
+SCENES = {
+    "two": ([(16, 1.0, 0.8, (3, 0, 0)), (12, 1.5, 1.1, (4, 0, 0.3))], (0.2, 3.4), (20, 10, 5), (0.5, 0.2, -3)),
+    "the outer one first": ([(10, 1.5, 1.1, (5, 0, 0)), (16, 1.0, 0.8, (4, 1, 0))], (3.3, 0.2), (20, 20, 0), (0.3, 0, -2)),
+    "three": (
+        [(16, 1.0, 0.7, (4, 0, 0), 4), (13, 1.2, 0.9, (5, 0, 0), 4), (9, 1.6, 1.3, (3, 2, 0), 2)],
+        (0, 2.9, -1.0),
+        (40, 40, 40),
+        (0.2, 0.4, -1),
+    ),
+    "three, the middle one the longest": (
+        [(12, 1.2, 0.9, (5, 0, 0), 3), (16, 1.0, 0.7, (4, 0, 0), 3), (8, 1.6, 1.3, (3, 2, 0), 2)],
+        (3.0, 0.1, -1.0),
+        (15, 25, 5),
+        (0.2, 0.4, -1),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_modes_of_tubes_in_a_medium_are_those_of_an_independent_energy(name):
+    sizes, turned, k, force = SCENES[name]
+    k = np.array(k, float)
+    made = [tube(*own, k=tuple(k if j == 0 else 0 * k)) for j, own in enumerate(sizes)]
+    order = sorted(range(len(made)), key=lambda j: -sizes[j][0])
+    robot = mr.ConcentricTubes([rod for rod, _ in made])
+    found = mr.equilibria(robot, robot.inputs(rotation=turned, tip_force=force))
+    assert (found.stability != mr.Stability.UNKNOWN).all()
+    energy = TubesInMedium(1.0, [made[j][1] for j in order], [turned[j] for j in order], k, force, COUNT)
+    if order[0] != 0:  # the medium ends with the tube that it is around
+        energy.ends = sizes[0][0]
+    told = 0
+    for solution in found:
+        start = energy.of(solution, order)
+        there, values = energy.stationary(start)
+        if np.abs(there - start).max() > 0.1 * np.abs(start).max() or np.abs(values[:4]).min() < 0.02 * np.abs(values[:4]).max():
+            continue  # another one on segments, or next to a fold
+        told += 1
+        assert solution.index == (values < 0).sum()
+    assert told >= 3
+    assert len(set(found.index.tolist())) >= 2

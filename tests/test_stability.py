@@ -224,11 +224,26 @@ def test_what_failed_is_not_judged(wire):
     assert failed.stability.tolist() == [STABLE, UNKNOWN]
 
 
-def test_tubes_rigid_in_torsion_are_not_judged():
-    """Statics does not say how they share the torque."""
-    tube = {"bending_stiffness": 0.01, "torsional_stiffness": np.inf}
-    robot = mr.ConcentricTubes([mr.Rod(length=0.3 - 0.1 * k, **tube) for k in range(2)])
-    assert mr.solve(robot, robot.inputs(tip_force=(0.01, 0, 0))).raise_if_failed().stability is UNKNOWN
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
+@pytest.mark.parametrize("kind", ["some", "legs"])
+def test_tubes_rigid_in_torsion_are_judged(kind):
+    """As tubes that are far stiffer in torsion than in bending; not where all are, alone, and carry no torques."""
+    margins = []
+    for torsion in (np.inf, 1e6):
+        tubes = [
+            mr.Rod(length=L, bending_stiffness=EI, torsional_stiffness=GJ, precurvature=(c, 0, 0))
+            for L, EI, c, GJ in ((1.0, 1.0, 2.0, torsion), (0.7, 1.5, 2.5, 1.2 if kind == "some" else torsion))
+        ]
+        robot, given = mr.ConcentricTubes(tubes), {"rotation": (0, 2.5)}
+        if kind == "legs":
+            assert torsion < np.inf or mr.solve(robot, robot.inputs(tip_force=(0, 0, -1), **given)).stability is UNKNOWN
+            poses = np.tile(np.eye(4), (2, 1, 1))
+            poses[:, 0, 3] = -0.2, 0.2
+            robot, given = mr.ParallelRods(legs=[robot] * 2, base=poses, platform=poses), {"rotation": (0, 2.5, 0.3, -2)}
+        found = mr.solve(robot, robot.inputs(tip_force=[(0.3, 0.2, -1), (0.3, 0.2, -4)], **given)).raise_if_failed()
+        assert (found.stability == STABLE).all()
+        margins.append(found.stability_margin)
+    np.testing.assert_allclose(*margins, rtol=1e-4)
 
 
 @pytest.mark.parametrize("scene", ["tubes", "tubes that end together", "rod"])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from creeping_tubes import CreepingTubes, Curved
+from medium_energy import TubesInMedium
 from random_motions import DURATION, draw
 
 import multirod as mr
@@ -56,21 +57,29 @@ def clamped_of(problem):
 
 
 @pytest.mark.parametrize(
-    "given", [{}, {"tip_force": (0.7, -0.4, 0.2), "distributed_force": (0.2, 0, 0.3)}], ids=["free", "loaded"]
+    "kind", ["free", "loaded", "in a medium", "side by side", "side by side, loaded", "some rigid in torsion"]
 )
-def test_pieces_between_clamps_are_the_tubes_and_vary_as_they_say(given):
+def test_pieces_between_clamps_are_the_tubes_and_vary_as_they_say(kind):
     """Clamps without moments change nothing; by unknowns and moments, residuals, turns of clamps and the pose vary as foretold.
 
     The third tube ends before the last clamp: there a spring stands in for it.
     """
     sizes = [(1.0, 3.0, 1.0), (0.9, 2.5, 1.3), (0.6, 2.0, 1.6)]
+    given = {} if kind in ("free", "side by side") else {"tip_force": (0.7, -0.4, 0.2), "distributed_force": (0.2, 0, 0.3)}
+    torsion = [0.8, np.inf if "rigid" in kind else 1.04, 1.28]
+    medium = (20.0, 10.0, 5.0) if kind == "in a medium" else 0.0
     rods = [
         mr.Rod(
-            length=L, bending_stiffness=EI, torsional_stiffness=0.8 * EI, precurvature=[(0.3, (0, 0, 0)), (L - 0.3, (c, 0, 0.2))]
+            length=L,
+            bending_stiffness=EI,
+            torsional_stiffness=GJ,
+            precurvature=[(0.3, (0, 0, 0)), (L - 0.3, (c, 0, 0.2))],
+            foundation=medium,
         )
-        for L, c, EI in sizes
+        for (L, c, EI), GJ in zip(sizes, torsion, strict=True)
     ]
-    robot = mr.ConcentricTubes(rods)
+    offsets = [(0.02, 0), (-0.01, 0.02), (0, -0.03)]
+    robot = mr.EccentricTubes(rods, offsets) if "side" in kind else mr.ConcentricTubes(rods)
     inputs = robot.inputs(rotation=[0.3, 1.0, -2.0], translation=[-0.1, -0.05, -0.02], **given)
     problem = robot.problem(inputs, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
     part, turns, unknowns = clamped_of(problem)
@@ -78,7 +87,10 @@ def test_pieces_between_clamps_are_the_tubes_and_vary_as_they_say(given):
     whole.write("unknowns", unknowns)
     whole.integrate()
     n, clamps = problem.unknown_count, turns.clamps.size
-    assert clamps == (PIECES - 1) * (5 if given else 2)
+    soft = "side" in kind or "rigid" in kind  # what gives way to torsion for the clamps alone, by a millionth
+    exact = 1e-5 if soft else 1e-9  # else the integrator's tolerance
+    every = {"free": 2, "side by side": 3, "side by side, loaded": 6}
+    assert clamps == (PIECES - 1) * every.get(kind, 5)
 
     def at(values):
         turns.put(values)
@@ -90,9 +102,9 @@ def test_pieces_between_clamps_are_the_tubes_and_vary_as_they_say(given):
 
     at(np.pad(unknowns, ((0, 0), (0, clamps))))
     for name in ("residual", "gamma", "position", "rotation"):
-        np.testing.assert_allclose(part.read(name), whole.read(name), rtol=0, atol=1e-9)  # the integrator's tolerance
+        np.testing.assert_allclose(part.read(name), whole.read(name), rtol=0, atol=exact)
     ours, theirs = part.angle_columns.numpy()[..., [*range(n), -1]], whole.angle_columns.numpy()[..., [*range(n), -1]]
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=exact)
 
     values = np.concatenate([unknowns, 0.3 * np.random.default_rng(6).normal(size=(1, clamps))], axis=1)
     _, gamma, units, turned, frames, by_clamps, pose = at(values)
@@ -108,11 +120,12 @@ def test_pieces_between_clamps_are_the_tubes_and_vary_as_they_say(given):
         if given:
             np.testing.assert_allclose(turns_found[:-1], by_clamps[:, :3, k], rtol=0, atol=1e-6)
         np.testing.assert_allclose(turns_found[-1], frames[-1].T @ pose[3:6, k], rtol=0, atol=1e-6)
-    assert np.linalg.cond(turned) < 1e6  # no turn is told twice
+    size = np.linalg.norm(turned, axis=1, keepdims=True)
+    assert np.linalg.cond(turned / size) < (1e8 if soft else 1e6)  # no turn is told twice
     if not given:  # of an energy, whose second derivative is symmetric: along axes that turn it is where it rests alone
         second = units[:, None] * gamma[turns.forces] @ np.linalg.inv(turned)[:, : len(turns.forces)]
-        np.testing.assert_allclose(second, second.T, rtol=0, atol=1e-9 * np.abs(second).max())
-        np.testing.assert_allclose(second[-1], np.eye(len(second))[-1] * 0.8 * 1.6 / 1.0, rtol=0, atol=1e-9)  # GJ/L
+        np.testing.assert_allclose(second, second.T, rtol=0, atol=(1e-5 if soft else 1e-9) * np.abs(second).max())
+        np.testing.assert_allclose(second[-1], np.eye(len(second))[-1] * torsion[-1] / 1.0, rtol=0, atol=1e-9)  # GJ/L
 
 
 def snaps_of(history, curved, bases):
@@ -150,6 +163,66 @@ def test_three_tubes_snap_to_where_creeping_ones_come_to_rest(curved):
     assert all(event.status is mr.Status.SNAPPED and event.fold and event.energy_lost > 0 for event in events)
     for k, off in snaps_of(history, curved, bases):
         assert off < 0.02, k  # of 160 segments; other equilibria are farther than 0.1
+
+
+@pytest.mark.parametrize("kind", ["next to no medium", "side by side on one line"])
+def test_what_is_all_but_three_tubes_snaps_as_these_do(kind):
+    """Tubes in a medium of next to no stiffness, and tubes side by side without offsets, which ended ``BRANCH_END``."""
+    curved = [Curved(1.7, 1.0, 1.0, 0.7, 4.0)] * 3
+    plain = tubes_of(curved)
+    k = 1e-6 if kind == "next to no medium" else 0.0
+    rods = [
+        mr.Rod(
+            length=1.7,
+            bending_stiffness=1,
+            torsional_stiffness=1,
+            precurvature=[(0.7, (0, 0, 0)), (1.0, (4, 0, 0))],
+            foundation=k,
+        )
+        for _ in curved
+    ]
+    robot = mr.ConcentricTubes(rods) if k else mr.EccentricTubes(rods, np.zeros((3, 2)))
+    time = np.linspace(0, 1, 61)[28:33]  # about the first snap
+    bases = np.outer(time, (0, 18.0, 0))
+    ours, theirs = (mr.simulate(own, own.inputs(rotation=bases), time=time) for own in (robot, plain))
+    np.testing.assert_array_equal(ours.status, theirs.status)
+    assert (ours.status == mr.Status.SNAPPED).sum() == 1
+    assert (ours.stability == mr.Stability.STABLE).all()
+    (event,), (other,) = ([event for sample in own.events for event in sample] for own in (ours, theirs))
+    assert event.progress == pytest.approx(other.progress, rel=1e-5)
+    assert event.energy_lost == pytest.approx(other.energy_lost, rel=1e-5)
+    np.testing.assert_allclose(ours.tip_position, theirs.tip_position, rtol=0, atol=1e-5)
+
+
+def test_tubes_in_a_medium_snap_to_a_minimum_of_their_energy():
+    """Which an energy on segments says, that shares no code with the package: it has less there, and no way down."""
+    k, count = np.array([2.0, 3.0, 1.0]), 34
+    bent = np.where(np.arange(count)[:, None] < 14, 0.0, np.array([4.0, 0, 0]))
+    rods = [
+        mr.Rod(
+            length=1.7,
+            bending_stiffness=1,
+            torsional_stiffness=1,
+            precurvature=[(0.7, (0, 0, 0)), (1.0, (4, 0, 0))],
+            foundation=own,
+        )
+        for own in (tuple(k), 0.0, 0.0)
+    ]
+    robot, time = mr.ConcentricTubes(rods), np.linspace(0, 1, 61)[28:33]
+    bases = np.outer(time, (0, 18.0, 0))
+    history = mr.simulate(robot, robot.inputs(rotation=bases), time=time)
+    (snapped,) = np.flatnonzero(history.status == mr.Status.SNAPPED)
+    assert not history.failed.any()
+    values = []
+    for sample in (snapped - 1, snapped):
+        energy = TubesInMedium(1.7, [(1.0, 1.0, bent)] * 3, bases[snapped], k, np.zeros(3), count)
+        own = energy.of(history[sample], range(3))
+        values.append(energy(own[None])[0])
+        if sample == snapped:
+            there, modes = energy.stationary(own)
+            assert modes[0] > 0
+            assert np.abs(there - own).max() < 0.1 * np.abs(own).max()
+    assert values[0] > values[1] + 0.5
 
 
 def test_clamps_end_within_the_integrations_that_are_allowed():

@@ -35,14 +35,15 @@ class BackboneParts(Parts):
 
     @property
     def clampings(self) -> int:  # noqa: D102
-        return int(self.may_be_clamped or self._may_be_twisted)
+        return int(self.may_be_clamped or self._several_may_be)
 
     @property
-    def _may_be_twisted(self) -> bool:
-        """Whether concentric rods can be clamped that turn each other."""
-        terms, sizes = self.problem.features, self.problem.sizes
-        other = terms.eccentric or terms.world_force_is_state or terms.condition_count or terms.friction
-        return bool(terms.torque_count) and not (other or sizes.rigid_in_torsion)
+    def _several_may_be(self) -> bool:
+        """Whether rods that turn against a frame can be clamped: not by lines of given length, nor where nothing is told of
+        stability."""
+        terms = self.problem.features
+        unknown = terms.condition_count or terms.friction or self.problem.stability.place_unknown
+        return terms.torque_count > 0 and not unknown
 
     def clamped(  # noqa: D102
         self, instances: IntArray, pieces: int, times: int = 1, clamping: int = 0

@@ -3,21 +3,15 @@
 Numbers in parentheses are those of ``docs/branches.md``.
 """
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import warp as wp
 
 from multirod.batch import IntArray
 from multirod.capabilities import Clamps, Conjugates
-from multirod.launch import record
-from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
 from multirod.models.backbone.kernels.layout.features import Features
-from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, residuals_of, unknowns_of
 from multirod.models.backbone.kernels.tips import as_far, longest
-from multirod.models.backbone.passes.lane_pass import deal, layout_of, threads, width
-from multirod.models.backbone.units import unit_stiffness
+from multirod.models.backbone.segments.chain import Chain
 from multirod.rotations import from_quaternions, matrices
 from multirod.status import BoolArray
 from multirod.validation import FloatArray
@@ -65,68 +59,30 @@ class ClampedBackbones:
 
     def __init__(self, problem: "BackboneProblem", pieces: int, first: IntArray, loads: int = 0) -> None:
         self.problem, self.pieces, self.first, self.loads = problem, pieces, first, loads
-        options: dict[str, Any] = {"pose": True, "pose_sensitivities": True, "lengths": False, "directions": loads > 0}
-        self._features = replace(problem.features, segment=True, nodes=False, node_columns=False, **options)
-        self._state, variations = breakpoint_state(self._features), unknowns_of(self._features)
-        self._turn, self._own, d = variations.places["rotation"], of_whole(variations), variations.size
+        self._chain = chain = Chain(problem, loads)
+        self._features, self._state, variations = chain.features, chain.state, chain.variations
+        self._turn, d = variations.places["rotation"], variations.size
         self.each, every, states = moments_of_a_clamp(self._features), np.arange(d), np.arange(self._state.size)
         # in what of a state clamps add to, how that varies, and which variations these work on
         self._added = np.concatenate([states[self._state.places[name]] for name in ("moment", "torques")])
         self._varied = np.concatenate([every[variations.places[name]] for name in ("moment", "torques")])
         self._angles = every[variations.places["angles"]]
-        self._worked = np.append(every[self._turn][: 3 * self._features.moment], self._angles)
-        count, device = problem.instance_count, problem.device
-        self._call: Any = problem.buffers.call()
-        m = residuals_of(variations).size
-        rooms = {"unknowns": (d,), "residual": (m,), "gamma": (m, d), "residual_directions": (m, max(loads, 1))}
-        rooms |= {"pose_columns": (6, d + loads)}
-        for name, shape in rooms.items():
-            setattr(self._call.problem, name, wp.zeros((count, *shape), dtype=wp.float64, device=device))
-        if problem.held:
-            self._call.wrench.values = wp.zeros((count, 6), dtype=wp.float64, device=device)
-            self._call.wrench.columns = wp.zeros((count, 6, d + loads), dtype=wp.float64, device=device)
-        self._call.unknown_columns, self._call.direction_columns = d, loads
-        lanes = width("float64", device)
-        memory = deal(self._call, layout_of(self._features), problem.integrator, "float64", device, count, lanes)
-        segment: Any = SegmentCall()
-        segment.instance = wp.array(np.arange(count), dtype=wp.int32, device=device)
-        segment.steps = wp.zeros(count, dtype=wp.int32, device=device)
-        for name in ("start", "end"):
-            setattr(segment, name, wp.zeros(count, dtype=wp.float64, device=device))
-        for name in ("at_tip", "fault"):
-            setattr(segment, name, wp.zeros(count, dtype=wp.int32, device=device))
-        for name in ("state", "end_state"):
-            setattr(segment, name, wp.zeros((count, self._state.size), dtype=wp.float64, device=device))
-        segment.columns = wp.zeros((count, d + 3, d + loads), dtype=wp.float64, device=device)
-        self._segment, tableau = segment, problem.integrator.tableau
-        self._launch = record(
-            lambda: make_segment_kernel(self._features, tableau, lanes),
-            threads(self._call, count),
-            [problem.table, self._call, memory, segment],
-            device,
-        )
-        self.unit = self._units()
+        self._worked = np.append(every[self._turn][: 3 * self._features.moment], self._angles[: self._features.torque_count])
+        count = problem.instance_count
+        self.unit = chain.units
         clamps, columns = pieces - 1, problem.unknown_count + loads + self.each * (pieces - 1)
         self.moments = np.zeros((count, clamps, self.each))
         self.turned, self.moved = np.zeros((count, clamps, self.each, columns)), np.zeros((count, clamps, 3, columns))
         self.frames, self.places = np.zeros((count, clamps, 3, 3)), np.zeros((count, clamps, 3))
-
-    def _units(self) -> FloatArray:
-        """``unit``: as (10) of docs/model.md has it."""
-        unit = np.array(unit_stiffness(self.problem.each(self.problem.arrays.material[:, :, 0])))
-        if unit.shape[1] == 1:
-            return np.array(unit[:, 0])
-        bending = self.problem.arrays.material[:, :, 0, :2].max(axis=2).sum(axis=1)
-        together = np.concatenate([np.repeat(self.problem.each(bending)[:, None], 2, axis=1), unit[:, 0, 2:]], axis=1)
-        torques = unit[:, unit.shape[1] - self._features.torque_count :, 2]
-        return np.concatenate([together[:, : 3 * self._features.moment], torques], axis=1)
 
     def _edges(self) -> tuple[FloatArray, BoolArray]:
         """Where pieces begin and end [m], shape (instance_count, pieces + 1), and which moments a clamp adds, the others being of
         rods that have ended, (instance_count, pieces - 1, each). Of several rods, clamps stand where two are, as what turns them
         against each other does."""
         ends = self.problem.sizes.ends()
-        tip, of_two = ends.max(axis=1), ends[:, 0] if ends.shape[1] == 1 else np.minimum(ends[:, 0], np.sort(ends, axis=1)[:, -2])
+        tip = of_two = ends.max(axis=1)
+        if self._features.torque_count > 1 or (self._features.torque_count and not self._features.eccentric):
+            of_two = np.minimum(ends[:, 0], np.sort(ends, axis=1)[:, -2])
         edges = np.linspace(0.0, 1.0, self.pieces + 1) * of_two[:, None]
         edges[:, -1] = tip
         there = np.ones((len(ends), self.pieces - 1, self.each), dtype=bool)
@@ -142,34 +98,24 @@ class ClampedBackbones:
     @np.errstate(over="ignore", invalid="ignore")  # of rods that amplify without bound: who asks finds no equilibrium
     def launch(self) -> None:
         """One integration of all instances, a piece after another."""
-        problem, segment, n = self.problem, self._segment, self.problem.unknown_count
-        own, wrench = self._call.problem, self._call.wrench
-        count, d = problem.instance_count, self._features.unknown_count
-        unknowns = np.zeros((count, d))
-        unknowns[:, self._own] = problem.read("unknowns")
-        problem.heed_stop()
-        own.unknowns.assign(unknowns)
-        scale = np.broadcast_to(problem.table.length_scale.numpy(), count)
+        problem, chain, n = self.problem, self._chain, self.problem.unknown_count
+        own, wrench = chain.call.problem, chain.call.wrench
+        count, d = problem.instance_count, chain.variations.size
+        chain.begin()
+        scale = chain.scale
         edges, there = self._edges()
         state, frame_at = np.zeros((count, self._state.size)), self._state.places["frame"]
         columns = np.zeros((count, d, self.turned.shape[-1]))
-        columns[:, self._own, range(n)] = 1.0
+        columns[:, chain.whole, range(n)] = 1.0
         moved = np.zeros((count, 3, columns.shape[2]))
         fault, base = np.zeros(count, dtype=np.int32), np.broadcast_to(problem.table.base_rotation.numpy(), (count, 3, 3))
         for piece in range(self.pieces):
             last = piece == self.pieces - 1
-            segment.state.assign(state)
-            segment.start.assign(edges[:, piece])
-            segment.end.assign(edges[:, piece + 1])
-            segment.at_tip.fill_(int(last))
-            segment.fault.zero_()
-            self._launch.launch()
-            found, begin = segment.columns.numpy(), columns
-            fault = np.maximum(fault, segment.fault.numpy())
+            state, found, own_fault = chain.over(state, edges[:, piece], edges[:, piece + 1], last=last)
+            begin, fault = columns, np.maximum(fault, own_fault)
             onward = self._onward(found[:, d:], begin)
             moved = onward if self._features.loads_by_place else moved + onward
             columns = self._onward(found[:, :d], begin)
-            state = np.array(segment.end_state.numpy())
             if last:
                 break
             self.frames[:, piece] = base @ from_quaternions(state[:, frame_at])
@@ -203,17 +149,20 @@ class ClampedBackbones:
     def _write_turned(
         self, frame: FloatArray, state: FloatArray, columns: FloatArray, moved: FloatArray, scale: FloatArray
     ) -> None:
-        """The pose of several rods: that of the one that ends at the tip, and how each turns against the frame."""
-        problem, count = self.problem, len(frame)
-        angles = np.pad(state[:, self._state.places["angles"]], ((0, 0), (1, 0)))
-        by_angles = np.pad(columns[:, self._angles] * scale[:, None, None], ((0, 0), (1, 0), (0, 0)))
-        own, rows = longest(problem.sizes.ends()), np.arange(count)
+        """The pose of rods that turn against the frame: that of the one that ends at the tip, and how each turns so."""
+        problem, count, given = self.problem, len(frame), 1 - self._features.eccentric  # of the rod whose frame it is
+        angles = np.pad(state[:, self._state.places["angles"]], ((0, 0), (given, 0)))
+        by_angles = np.pad(columns[:, self._angles] * scale[:, None, None], ((0, 0), (given, 0), (0, 0)))
         turn = columns[:, self._turn] * scale[:, None, None]
-        turn[:, 2] += by_angles[rows, own]
-        problem.write("rotation", (frame @ matrices(angles[rows, own, None] * [0.0, 0.0, 1.0])).reshape(count, 9))
+        if given:  # else it is the frame that ends at the tip
+            own, rows = longest(problem.sizes.ends()), np.arange(count)
+            turn[:, 2] += by_angles[rows, own]
+            problem.write("rotation", (frame @ matrices(angles[rows, own, None] * [0.0, 0.0, 1.0])).reshape(count, 9))
+        else:
+            problem.write("rotation", frame.reshape(count, 9))
         result = np.zeros(problem.angle_columns.shape)
-        result[..., :-1] = self._by_all(np.concatenate([moved, frame @ turn, by_angles[:, 1:]], axis=1))
-        result[:, 6:, -1] = angles[:, 1:]
+        result[..., :-1] = self._by_all(np.concatenate([moved, frame @ turn, by_angles[:, given:]], axis=1))
+        result[:, 6:, -1] = angles[:, given:]
         problem.angle_columns.assign(result)
 
     def _onward(self, found: FloatArray, begin: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.backbone.segments.segments import LOOKED_AT, WAVES
 from multirod.models.backbone.stability.condensing.by_nodes import condensed_form
 from multirod.models.backbone.stability.condensing.forms import HeldTip, form_of
 from multirod.models.backbone.stability.condensing.second_variation import (
@@ -19,6 +20,7 @@ from multirod.models.backbone.stability.condensing.second_variation import (
     segments_needed,
 )
 from multirod.models.backbone.stability.condensing.tensions import with_conditions
+from multirod.models.backbone.stability.in_pieces import form_in_pieces
 from multirod.models.backbone.stability.mode_bounds import ModeBounds, may_be_bounded
 from multirod.models.backbone.stability.sure import SureStability, may_be_sure
 from multirod.profile import DEGREE
@@ -77,7 +79,7 @@ class BackboneStability(StabilityAnalysis):
     def place_unknown(self) -> bool:
         """Whether forces depend on the configuration in a way of which stability is not told."""
         problem = self.problem
-        known = len(problem.rods) == 1 and not problem.features.condition_count
+        known = not problem.features.condition_count and not (problem.held and problem.features.turning_count)
         return (
             not known
             and problem.features.world_force_is_state
@@ -158,18 +160,24 @@ class BackboneStability(StabilityAnalysis):
         symmetric a node may be just where a part of the rod has a mode, and its columns are singular there: then one over one
         segment more follows, which has no node inside at the same place.
         """
-        unit, n = self.problem.sizes.stiffness_over_length(), len(self.problem.rods)
+        unit = self.problem.sizes.stiffness_over_length()
         size = self._free() + (3 if self.problem.held else 0)
         count = self.problem.instance_count
         form: CondensedForm | None = None
         determinant = np.full(count, np.nan)
-        if n > 1 and self.problem.sizes.rigid_in_torsion:
-            return CondensedForm.unknown(count, size), determinant  # a torque of each that nothing determines
+        if self.problem.features.turning_count and not self.problem.features.torque_count:
+            # all rigid in torsion: a torque of each that nothing determines
+            return CondensedForm.unknown(count, size), determinant
         # each instance has its own number of nodes, whatever stands beside it in the batch
         expected = self._segments_expected()
         nodes = self._nodes(np.minimum(np.where(np.isnan(expected), 0.0, expected), MOST_NODES_AT_FIRST - 2))
         open_, shifted = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
         if self.problem.features.world_force_is_state and not self.place_unknown:
+            asked = self._told_by_sign(self.has_potential) & (self.problem.features.turning_count > 0)
+            if asked.any():
+                determinant[asked] = certain_determinant(
+                    self.problem.nodes.over(LOOKED_AT, asked, columns=True).read("gamma")[asked]
+                )
             return self._by_place(), determinant
         if self.place_unknown and self.problem.held:  # of a free one ``Gamma`` tells
             return CondensedForm.unknown(count, size), determinant
@@ -207,6 +215,9 @@ class BackboneStability(StabilityAnalysis):
 
     def _by_place(self) -> CondensedForm:
         """(22), (23) Of all instances whose forces depend on where they are, by segments between which they lead on."""
+        if self.problem.features.turning_count:
+            needed = self._segments_of(self.problem.nodes.over(LOOKED_AT))
+            return form_in_pieces(self.problem, np.maximum(needed, self.problem.sizes.waves() / WAVES))
         problem, cut = self.problem, self.problem.cut
         everyone, unknowns = np.arange(problem.instance_count), cut.asked.read("unknowns")
         length, states = cut.length(everyone), cut.base_state(everyone, unknowns)

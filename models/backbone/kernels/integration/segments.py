@@ -146,6 +146,10 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
         if wp.static(TUBES):
             unit = unknown_unit(rods, case)
             v = Column()
+            if wp.static(WORLD_STATE):
+                if k >= wp.static(PUSHED):  # before these the force varies as it turns with the rods at the base
+                    for j in range(3):
+                        v[WORLD_AT + j] = known[WORLD_AT + j]
             for i in range(wp.static(ANGLES)):
                 if k == wp.static(TURNED) + i:
                     v[wp.static(THETA_AT) + i] = case.scale
