@@ -218,3 +218,16 @@ def test_modes_are_those_of_the_unknowns(held):
     # the same numbers, by the same integrations
     np.testing.assert_allclose(again.values[::-1], modes.values, rtol=1e-9)
     np.testing.assert_allclose(problem.stability.potential()[::-1], potential, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
+def test_straight_legs_that_are_rigid_in_torsion_stand_as_stiff_ones_do():
+    """Taken for beams they answer no torque: this raised `LinAlgError`."""
+    base, found = np.tile(np.eye(4), (2, 1, 1)), []
+    base[:, 0, 3] = 0.05, -0.05
+    for torsion in (np.inf, 1e3):
+        strip = mr.Rod(length=0.2, bending_stiffness=(1.0, 0.0125), torsional_stiffness=torsion)
+        robot = mr.ParallelRods(legs=[strip] * 2, base=base, platform=base)
+        found.append(mr.solve(robot, robot.inputs(tip_force=(0.1, 0.05, -0.3))).raise_if_failed())
+    assert all(own.stability is mr.Stability.STABLE for own in found)
+    np.testing.assert_allclose(found[0].tip_position, found[1].tip_position, rtol=0, atol=1e-6)

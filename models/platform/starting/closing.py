@@ -28,6 +28,8 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.platform.problem import ParallelProblem
 
+TWIST = 1e-6  # of L/EI: by which a leg that is rigid in torsion gives way to a torque, as energy descent has it
+
 
 @dataclass(frozen=True)
 class Closed:
@@ -181,4 +183,8 @@ class Closing:
         length, stiffness = (
             np.broadcast_to(scale[:, :legs], (count, legs)) for scale in (self.problem.length, self.problem.stiffness)
         )
+        for group in self.problem.groups:
+            if group.backbones.sizes.rigid_in_torsion:  # a straight one would answer no torque at all
+                for leg in group.members:
+                    flexibility[:, leg, range(3, 6), range(3, 6)] += (TWIST * length / stiffness)[:, leg, None]
         return Legs(position, rotation, flexibility, by_wrench, length, stiffness)
