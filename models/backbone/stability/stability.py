@@ -347,9 +347,8 @@ class BackboneStability(StabilityAnalysis):
         bounds = own.under(self._dead_load())
         bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
         bounds[~self.has_potential, 1] = np.inf
-        if self.problem.features.anisotropic or any(
-            load.moment for load in self.problem.features.loads
-        ):  # they resist being turned against their neighbours even where all are straight
+        if self.problem.features.anisotropic or self.problem.features.loads:
+            # they resist being turned against their neighbours even where all are straight, or forces follow from where they are
             bounds = np.maximum(bounds, (1.0, np.inf))
         return np.asarray(bounds)
 
