@@ -115,3 +115,40 @@ def test_of_rods_that_hold_bodies(robot, name):
 def test_by_lengths_they_are_not_known(robot):
     with pytest.raises(NotImplementedError, match="with lines are not known: where these end moves too"):
         GIVEN[robot][0]().input_directions("length")
+
+
+def at_rest(count: int) -> mr.SingleRod:
+    """A straight rod between tendons that are held by their lengths at rest."""
+    angles = 2 * np.pi * np.arange(count) / count
+    offsets = LEVER * np.column_stack([np.cos(angles), np.sin(angles)])
+    lines = [mr.Tendon(offset, driven="displacement", axial_stiffness=2000.0) for offset in offsets]
+    return mr.SingleRod(mr.Rod(length=LENGTH, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+
+
+def test_at_rest_a_rod_is_as_stiff_as_what_tightens_to_either_side():
+    """(D1b) Beside a tendon of stiffness k at a, a straight rod gives way by L^3/3EI less the part that the tendon takes."""
+    robot = at_rest(4)
+    forces = [(0, 0, 0), (0.5, 0, 0)]
+    both = mr.solve(robot, robot.inputs(tip_force=forces), solver=PRECISE)
+    EI, a, k = 0.01, LEVER, 2000.0
+    stiffer = EI + k * a**2  # of a section under a constant moment, which tendon and rod share
+    taken = (1 - EI / stiffer) * (LENGTH**2 / 2) ** 2 / (EI * LENGTH)  # by the tendon's one tension
+    alone = LENGTH**3 / (3 * EI)
+    compliance = both[0].jacobian("tip_force")
+    np.testing.assert_allclose(compliance[:2, :2], (alone - taken) * np.eye(2), rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(both.jacobian("tip_force")[1], both[1].jacobian("tip_force"))
+    direction = np.array([1.0, 2, 0, 0, 0, 3])
+    product = both[0].vjp(direction, of="tip_pose", wrt="tip_force")["tip_force"]
+    np.testing.assert_allclose(product, compliance.T @ direction, rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(both[0].jacobian("displacement"), 0)  # of letting them out
+
+
+def test_at_rest_a_rod_that_is_stiffer_to_one_side_has_no_compliance():
+    robot = at_rest(3)
+    solution = mr.solve(robot, robot.inputs(tip_force=(0, 0, 0)))
+    with pytest.warns(RuntimeWarning, match="by tip_force are NaN: lines are neither taut nor slack"):
+        compliance = solution.jacobian("tip_force")
+    assert np.isnan(compliance[:, :2]).all()
+    np.testing.assert_allclose(compliance[:, 2], 0, atol=1e-9)  # along itself it does not give way, whatever pulls
+    pulled = mr.solve(robot, robot.inputs(displacement=1e-3, tip_force=(0, 0, 0)))
+    assert np.isfinite(pulled.jacobian("tip_force")).all()

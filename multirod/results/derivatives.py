@@ -1,5 +1,6 @@
 """Derivatives of solutions at equilibrium, by inputs and by the robot's own numbers; equations of ``docs/derivatives.md``."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from multirod.batch import solved_each
 from multirod.naming import meant
 from multirod.problem import BoundaryProblem
+from multirod.results import sides
 from multirod.results.segment_system import pose_jacobian
 from multirod.rotations import cross_matrix
 from multirod.types import Numbers
@@ -39,21 +41,26 @@ class Columns:
         slopes: Of the residual, shape (instance, n, k).
         rows: Of the end effector's pose, by the unknowns, then by the names, shape (instance, 6, n + k).
         gamma: Shape (instance, n, n).
+        one_sided: Whether a line is neither taut nor slack.
     """
 
     places: dict[str, NDArray[np.intp]]
     slopes: FloatArray
     rows: FloatArray
     gamma: FloatArray
+    one_sided: bool
 
     @classmethod
     def of(cls, problem: BoundaryProblem, places: dict[str, NDArray[np.intp]]) -> "Columns":
         """Those of the last integration, after ``aim(*places)``."""
         slopes, moved = problem.aimed(*places)
-        return cls(places, slopes, _pose_rows(problem, moved), np.array(_gamma(problem)))
+        one_sided = len(problem.kinks) > 0 and bool(sides.at_kinks(problem).any())
+        return cls(places, slopes, _pose_rows(problem, moved), np.array(_gamma(problem)), one_sided)
 
     def by(self, names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """The columns by these names, slopes, rows and ``gamma``; None where some are not there."""
+        """The columns by these names, slopes, rows and ``gamma``; None where some are not there, or not enough."""
+        if self.one_sided:
+            return None
         if tuple(names) == tuple(self.places):
             return self.slopes, self.rows, self.gamma
         places = [self.places[name] for name in names if isinstance(name, str) and name in self.places]
@@ -207,15 +214,55 @@ def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int
     """(D1) Derivatives by parameters, and by inputs whose terms are compiled in, (..., *tail, k), in one integration."""
     count = sum(solution.assembly.column_count(name) for name in names)
 
-    def columns(problem: BoundaryProblem) -> tuple[FloatArray]:
-        result = _eliminated(*_fixed(problem, names, rows), _gamma(problem))
+    def columns(problem: BoundaryProblem) -> tuple[FloatArray, NDArray[np.bool_]]:
+        slopes, own, gamma, none = _told(solution, problem, names, rows)
+        result = _eliminated(slopes, own, gamma)
         for k, points in problem.breakpoints.items():
             by_inputs = rows is _pose_rows and not any(name in solution.assembly.parameters for name in names)
             segments = problem.segments if by_inputs else None  # a graph has none, which tells what acts on single rods
             result[k] = np.nan if segments is None else pose_jacobian(segments, k, points)
-        return (result,)
+        return result, none
 
-    return solution._masked(_gathered(solution, names, columns)[0], (*tail, count))
+    result, none = _gathered(solution, names, columns)
+    _warn_of_sides(names, none, stacklevel=6)
+    return solution._masked(result, (*tail, count))
+
+
+def _told(
+    solution: "Solution[Any]", problem: BoundaryProblem, names: list[str], rows: Rows
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Slopes, rows and ``Gamma`` by which (D1) is told; and of which instances some of it cannot be, shape (b,).
+
+    Where lines are at their kinks, (D1b) stands in the rows, and nothing is left of the unknowns.
+    """
+    slopes, own = _fixed(problem, names, rows)
+    gamma, none = _gamma(problem), np.zeros(problem.instance_count, dtype=bool)
+    if not len(problem.kinks):
+        return slopes, own, gamma, none
+    here: NDArray[np.bool_] = np.array(sides.at_kinks(problem).any(axis=1))
+    here[list(problem.breakpoints)] = False
+    if not here.any():
+        return slopes, own, gamma, none
+    slopes, own, gamma = np.array(slopes), np.array(own), np.array(gamma)
+    specs = {spec.name: spec for spec in solution.assembly.input_specs}
+    lengths = [name in specs and specs[name].acts == "lines" and specs[name].load is None for name in names]
+    loosened = np.repeat(lengths, [solution.assembly.column_count(name) for name in names])
+    sided = sides.sided(problem, lambda: (*_fixed(problem, names, rows), _gamma(problem)), loosened)
+    n = problem.unknown_count
+    slopes[here], gamma[here], own[here, :, :n], own[here, :, n:] = 0.0, np.eye(n), 0.0, sided[here]
+    return slopes, own, gamma, here & np.isnan(sided).any(axis=(1, 2))
+
+
+def _warn_of_sides(names: Sequence[str], none: NDArray[np.bool_], stacklevel: int) -> None:
+    """Say that there are no derivatives, of some instances (b,)."""
+    if none.any():
+        of = f" of {none.sum()} of {len(none)} instances" if len(none) > 1 else ""
+        warnings.warn(
+            f"derivatives by {', '.join(names)}{of} are NaN: lines are neither taut nor slack, so that the robot is not as stiff "
+            "to one side as to the other; pull them a little (displacement=1e-3, with an axial_stiffness)",
+            RuntimeWarning,
+            stacklevel,
+        )
 
 
 def _eliminated(slopes: FloatArray, rows: FloatArray, gamma: FloatArray) -> FloatArray:
@@ -246,7 +293,7 @@ def _fixed(problem: BoundaryProblem, names: list[str], rows: Rows) -> tuple[Floa
     return found
 
 
-def _gathered(solution: "Solution[Any]", names: list[str], columns: Callable[[Any], tuple[FloatArray, ...]]) -> list[Any]:
+def _gathered(solution: "Solution[Any]", names: list[str], columns: Callable[[Any], tuple[Any, ...]]) -> list[Any]:
     parameters = solution.assembly.parameters
     enabled = tuple(name for name in names if name not in parameters)
     options = solution.assembly.input_directions(*names)
@@ -266,13 +313,15 @@ def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> 
     twins = twins_of(solution.assembly, lambda: solution.inputs, known)
     names = [twin or name for name, twin in zip(known, twins, strict=True)]
 
-    def columns(problem: BoundaryProblem) -> tuple[FloatArray, ...]:
-        slopes, carried = _fixed(problem, names, _pose_rows)
+    def columns(problem: BoundaryProblem) -> tuple[Any, ...]:
+        slopes, carried, gamma, none = _told(solution, problem, names, _pose_rows)
         for k in problem.breakpoints:
             carried[k] = np.nan
-        return slopes, carried, _gamma(problem)
+        return slopes, carried, gamma, none
 
-    slopes, carried, gamma = _kept(solution, names) or _gathered(solution, names, columns)
+    slopes, carried, gamma, *none = _kept(solution, names) or _gathered(solution, names, columns)
+    for own in none:
+        _warn_of_sides(names, own, stacklevel=4)
     n = gamma.shape[-1]
     c = given.reshape(-1, rows, 1)
     carried = np.swapaxes(carried[:, part], 1, 2)
