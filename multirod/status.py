@@ -138,8 +138,8 @@ _MESSAGES = {
     "with discs, so tight that lines together buckle the rod between two; or, with members of other packages, what the rod "
     "carries has no strains: lower tensions, displacements or loads, or move discs closer (docs/lines.md)",
     Status.LINES_TOO_SHORT: "lines that do not stretch cannot all be as short as their displacements say, or not without a "
-    "tension that rises without bound: let opposite lines out by negative displacements, and all by a millionth of the rod's "
-    "length more, or give lines an axial_stiffness (docs/lines.md)",
+    "tension that rises without bound: let opposite lines out by negative displacements, and all by a hundred-thousandth of the "
+    "rod's length more, or give lines an axial_stiffness (docs/lines.md)",
     Status.LOWEST_ENERGY: "the residual is within the tolerance; raising loads (of tubes also precurvature and the angles "
     "between them) in proportion ends before the full load, so this is the stable equilibrium of lowest potential energy that "
     "was found from many starts (for a parallel robot whose loads have no potential, where raising these leads from "

@@ -17,7 +17,7 @@ from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, T
 from multirod.naming import hinted
 from multirod.rod import Rod
 from multirod.types import Numbers
-from multirod.validation import FloatArray, refuse, sequence
+from multirod.validation import Described, FloatArray, refuse, sequence
 
 SAME_PLACE = 1e-12  # [m]: bases this close are at the same place
 
@@ -145,4 +145,6 @@ def _refuse_where(wrong: np.bool_ | NDArray[np.bool_], beta: FloatArray, k: int,
     """Refuse the translation of tube k in the first instance where it is wrong."""
     if np.any(wrong):
         values = np.broadcast_to(beta[..., k], np.shape(wrong))
-        refuse(f"translation[{k}]", float(values[wrong][0]), allowed)
+        first, count = float(values[wrong][0]), np.count_nonzero(wrong)
+        place = f"{first} at {np.argwhere(wrong)[0].tolist()}, the first of {count} in {np.size(wrong)},"
+        refuse(f"translation[{k}]", Described(place) if np.size(wrong) > 1 else first, allowed)

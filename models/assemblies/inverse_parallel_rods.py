@@ -19,7 +19,7 @@ from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.platform.problem import ParallelProblem
 from multirod.reuse import reusable
 from multirod.rod import Rod
-from multirod.validation import FloatArray, array, instance, refuse
+from multirod.validation import Described, FloatArray, array, instance, refuse
 
 if TYPE_CHECKING:
     from multirod.results.solution import Solution
@@ -53,7 +53,12 @@ class InverseParallelRods(Assembly):
         instance("InverseParallelRods.robot", robot, ParallelRods, "ParallelRods")
         legs = robot.legs
         if len(legs) != 6 or not all(isinstance(leg, Rod) for leg in legs):
-            refuse("ParallelRods.legs", list(legs), "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers")
+            kinds = " and ".join(sorted({type(leg).__name__ for leg in legs}))
+            refuse(
+                "ParallelRods.legs",
+                Described(f"{len(legs)} of {kinds}"),
+                "the inverse problem needs 6 legs, each a Rod: a pose has 6 numbers; mr.reach takes any",
+            )
         if any(leg.has_conditions for leg in robot.geometry.legs):
             refuse("ParallelRods.legs", list(legs), "the inverse problem takes no line that is driven by its displacement")
         self.robot = robot
