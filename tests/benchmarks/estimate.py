@@ -1,6 +1,7 @@
 """Estimation: forces from poses and curvatures against the Cramer-Rao bound, and what a sample costs.
 
 python tests/benchmarks/estimate.py [--rounds N] [--trials N]
+python tests/benchmarks/estimate.py --straight [--trials N]: forces on a straight wire of nitinol, by a coarse pose
 
 Measurements and the bound come from ``measured_rods``, an integration of its own, by differences.
 """
@@ -19,11 +20,32 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from measured_rods import STEPS, MeasuredRod, turned_by
 
 POSITION, ANGLE, BENT = 1e-4, np.radians(0.1), 0.05  # what sensors are off [m], [rad], [1/m]
+COARSE, CHI_SQUARE = (5e-4, 5e-3), 7.815  # what a coarse pose is off [m], [rad]; 95 % of squares in three dimensions are less
 SIGMA, WALK, DT, SAMPLES = 0.25, 0.3, 1e-3, 400
 WIRE = {"length": 0.4, "bending_stiffness": 0.223349, "torsional_stiffness": 0.063814, "precurvature": (14, 5, 0)}
+STRAIGHT = {"length": 0.2, "bending_stiffness": 0.00611, "torsional_stiffness": 0.00468, "precurvature": (0, 0, 0)}
 NODES = tuple(range(5, STEPS, 5))  # of the gratings
 MARKS = (3, 6, 9)  # of ten places, which have markers
 FIXED = mr.RK4(50)
+
+
+def straight(trials: int) -> None:
+    """Forces as large as bend a straight wire far: what a covariance at the estimate leaves out."""
+    robot = mr.SingleRod(mr.Rod(**STRAIGHT))
+    print("| prior [N] | squares per dimension | outside of 95 % | largest square | not consistent |")
+    print("|---|---|---|---|---|")
+    for sigma in (0.02, 0.1, 0.3):
+        random = np.random.default_rng(11)
+        force = sigma * random.normal(size=(trials, 3))
+        true = mr.solve(robot, robot.inputs(tip_force=force))  # beyond where it buckles: by the package itself
+        p = true.tip_position + COARSE[0] * random.normal(size=(trials, 3))
+        R = turned_by(COARSE[1] * random.normal(size=(trials, 3))) @ true.tip_rotation
+        pose = mr.Pose(position=p, rotation=R, sigma=COARSE)
+        found = mr.estimate(robot, unknown={"tip_force": mr.Prior(0, sigma=sigma)}, measured=pose).raise_if_failed()
+        error = found.value("tip_force") - force
+        squares = np.einsum("bi,bij,bj->b", error, np.linalg.inv(found.covariance("tip_force")), error)
+        outside, off = (squares > CHI_SQUARE).mean(), (~found.consistent).mean()
+        print(f"| {sigma} | {squares.mean() / 3:.2f} | {outside:.1%} | {squares.max():.0f} | {off:.1%} |")
 
 
 def quality(trials: int) -> None:
@@ -101,7 +123,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--trials", type=int, default=500)
+    parser.add_argument("--straight", action="store_true")
     options = parser.parse_args()
+    if options.straight:
+        straight(options.trials)
+        return
     quality(options.trials)
     _, _, seen = motion()
     position, rotation, shape = np.array(seen.tip_position), np.array(seen.tip_rotation), seen.rod(0, nodes=12)
