@@ -40,6 +40,7 @@ def form_in_pieces(problem: "BackboneProblem", needed: FloatArray) -> CondensedF
 
 class _Rods:
     """How the rods of a problem are turned, by the one that ends at the tip and the angles of the others from that.
+
     Args:
         problem: The rods.
         chain: By which they are integrated.
