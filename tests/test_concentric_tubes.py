@@ -200,7 +200,8 @@ def test_a_section_of_no_length_is_harmless(pair):
         ((0.01, -0.1), r"translation\[0\] = 0\.01 is not allowed: must be <= 0"),
         ((-0.1, -0.21), r"translation\[1\] = -0\.21 is not allowed: must be > -length = -0\.2 m: the tube is pulled out"),
         ((-0.1, -0.12), r"translation\[0\] = -0\.1 is not allowed: must be <= translation\[1\]"),
-        ([(-0.2, -0.12), (-0.1, -0.15)], r"translation\[0\] = -0\.1 is not allowed: must be <= translation\[1\]"),
+        ([(-0.2, -0.12), (-0.1, -0.15)], r"translation\[0\] = -0\.1 at \[1\] is not allowed: must be <= translation\[1\]"),
+        ([(-0.1, -0.15)] * 3, r"translation\[0\] = -0\.1 at \[0\], the first of 3, is not allowed: must be <= translation"),
     ],
 )
 def test_translations_that_cannot_be_are_refused(pair, translation, message):

@@ -146,5 +146,5 @@ def _refuse_where(wrong: np.bool_ | NDArray[np.bool_], beta: FloatArray, k: int,
     if np.any(wrong):
         values = np.broadcast_to(beta[..., k], np.shape(wrong))
         first, count = float(values[wrong][0]), np.count_nonzero(wrong)
-        place = f"{first} at {np.argwhere(wrong)[0].tolist()}, the first of {count} in {np.size(wrong)},"
+        place = f"{first} at {np.argwhere(wrong)[0].tolist()}" + (f", the first of {count}," if count > 1 else "")
         refuse(f"translation[{k}]", Described(place) if np.size(wrong) > 1 else first, allowed)
