@@ -239,15 +239,16 @@ def _told(
     gamma, none = _gamma(problem), np.zeros(problem.instance_count, dtype=bool)
     if not len(problem.kinks):
         return slopes, own, gamma, none
-    here: NDArray[np.bool_] = np.array(sides.at_kinks(problem).any(axis=1))
-    here[list(problem.breakpoints)] = False
+    kinks = sides.at_kinks(problem)
+    kinks[list(problem.breakpoints)] = False
+    here: NDArray[np.bool_] = np.array(kinks.any(axis=1))
     if not here.any():
         return slopes, own, gamma, none
     slopes, own, gamma = np.array(slopes), np.array(own), np.array(gamma)
     specs = {spec.name: spec for spec in solution.assembly.input_specs}
     lengths = [name in specs and specs[name].acts == "lines" and specs[name].load is None for name in names]
     loosened = np.repeat(lengths, [solution.assembly.column_count(name) for name in names])
-    sided = sides.sided(problem, lambda: (*_fixed(problem, names, rows), _gamma(problem)), loosened)
+    sided = sides.sided(problem, kinks, lambda: (*_fixed(problem, names, rows), _gamma(problem)), loosened)
     n = problem.unknown_count
     slopes[here], gamma[here], own[here, :, :n], own[here, :, n:] = 0.0, np.eye(n), 0.0, sided[here]
     return slopes, own, gamma, here & np.isnan(sided).any(axis=(1, 2))

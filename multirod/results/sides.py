@@ -14,9 +14,6 @@ ASIDE = 1e-12  # of it: where columns are those of one side
 SAME = 1e-6  # of the larger one, by which derivatives to both sides of a number may differ
 MOST_FLIPS = 256
 
-# slopes of the residual (b, n, k), rows (b, m, n + k) and Gamma (b, n, n), at the unknowns that a problem holds
-Columns = tuple[FloatArray, FloatArray, FloatArray]
-
 
 def at_kinks(problem: BoundaryProblem) -> NDArray[np.bool_]:
     """Which unknowns are at their kinks, shape (instance_count, kink)."""
@@ -24,16 +21,22 @@ def at_kinks(problem: BoundaryProblem) -> NDArray[np.bool_]:
     return np.asarray(np.abs(problem.read("unknowns")[:, problem.kinks]) <= near)
 
 
-def sided(problem: BoundaryProblem, columns: Callable[[], Columns], loosened: NDArray[np.bool_]) -> FloatArray:
-    """(D1b) Derivatives (b, m, k) where ``at_kinks``; NaN of other instances, and of columns whose sides differ.
+def sided(
+    problem: BoundaryProblem,
+    here: NDArray[np.bool_],
+    columns: Callable[[], tuple[FloatArray, FloatArray, FloatArray]],
+    loosened: NDArray[np.bool_],
+) -> FloatArray:
+    """(D1b) Derivatives (b, m, k) of instances with an unknown at its kink; NaN of others, and of columns whose sides differ.
 
     Args:
         problem: At unknowns that it is left with.
-        columns: What an integration there says.
+        here: ``at_kinks`` there.
+        columns: What an integration says at the unknowns that the problem holds: slopes of the residual (b, n, k), rows
+            (b, m, n + k) and ``Gamma`` (b, n, n).
         loosened: Columns of which it is the side on which the number is less, shape (k,).
     """
-    here, K = at_kinks(problem), problem.kinks
-    unknowns = np.array(problem.read("unknowns"))
+    K, unknowns = problem.kinks, np.array(problem.read("unknowns"))
     aside, found = ASIDE * problem.curvature_scale()[:, None], []
     for sense in (-1.0, 1.0):
         moved = unknowns.copy()

@@ -11,7 +11,7 @@ import numpy as np
 from multirod.batch import IntArray
 from multirod.models.backbone.kernels.tips import as_far, longest
 from multirod.models.backbone.segments.chain import Chain
-from multirod.models.backbone.stability.condensing.by_places import Elimination, Order, form_of
+from multirod.models.backbone.stability.condensing.by_places import Elimination, Order, form_of, to_tips
 from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, STIFF, CondensedForm
 from multirod.models.backbone.units import unit_stiffness
 from multirod.rotations import from_quaternions
@@ -106,17 +106,16 @@ class _Rods:
         """(22), (23), in so many pieces of equal length."""
         problem, chain, order = self.problem, self.chain, self.order
         count, m = len(self._ends), order.turned
-        found, every = Elimination(count, order), np.arange(count)
+        transition, sound = np.empty((count, number, 2 * order.half, 2 * order.half)), np.ones(count, dtype=bool)
         edges = np.linspace(0.0, 1.0, number + 1)[:, None] * self._ends.max(axis=1)
         states = np.zeros((count, chain.state.size))
         chain.begin()
         for k, (start, end) in enumerate(pairwise(edges)):
             states, columns, fault = chain.over(states, start, end, last=k == number - 1)
-            found.known &= fault == 0
-            T = self._transition(columns, start, end)
-            if k > 0:
-                found.node(every, T, order.held)
-            found.go_on(every, T[:, :, order.wrench] if k == 0 else found.led(every, T))
+            sound &= fault == 0
+            transition[:, k] = self._transition(columns, start, end)
+        found = to_tips(transition.reshape(-1, *transition.shape[2:]), number * np.arange(count + 1), order)
+        found.known &= sound
         axes = np.zeros((count, m, m))
         axes[:, range(m), range(m)] = 1.0
         axes[:, :3, :3] = problem.table.base_rotation.numpy() @ from_quaternions(states[:, chain.state.places["frame"]])

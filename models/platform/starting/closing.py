@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.capabilities import Loading
 from multirod.kernels.shared import Shared
+from multirod.models.backbone.stability.conjugates import GIVE
 from multirod.models.platform.platform_kernels import POSE
 from multirod.models.platform.starting.guess import (
     COMPLIANCES,
@@ -27,8 +28,6 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.platform.problem import ParallelProblem
-
-TWIST = 1e-6  # of L/EI: by which a leg that is rigid in torsion gives way to a torque, as energy descent has it
 
 
 @dataclass(frozen=True)
@@ -186,5 +185,5 @@ class Closing:
         for group in self.problem.groups:
             if group.backbones.sizes.rigid_in_torsion:  # a straight one would answer no torque at all
                 for leg in group.members:
-                    flexibility[:, leg, range(3, 6), range(3, 6)] += (TWIST * length / stiffness)[:, leg, None]
+                    flexibility[:, leg, range(3, 6), range(3, 6)] += (GIVE * length / stiffness)[:, leg, None]
         return Legs(position, rotation, flexibility, by_wrench, length, stiffness)

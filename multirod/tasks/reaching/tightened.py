@@ -13,9 +13,7 @@ from multirod.tasks.rows import PoseRows
 from multirod.validation import FloatArray
 
 STEPS = 30
-TAUT = (
-    1e-9  # of the scale of curvatures: what a tension of a line that is held by its length is at least, so that it counts as that
-)
+TAUT = 1e-9  # of the scale of curvatures: the least tension of a line that is held by its length, so that it counts as that
 HAIR = 1e-6  # in units (9), by which lines that pull at nothing are let out, so that they are slack and not at their kinks
 SOFTNESS = 1e-6  # of the largest number of J, squared: steps that move the tip by less are damped
 NEAR, REST = 1e-3, 1e-9  # of the scale of curvatures: steps from which on lines that hardly pull are let loose, and at its end
