@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import multirod as mr
+from multirod.models.backbone.segments.segments import BackboneSegments
 from multirod.models.backbone.stability.stability import OFTEN
+from multirod.models.held.segments import HeldSegments
 from multirod.problem import FEW, SMALL
 from multirod.reuse import KEPT, MOST, ROOM
 from multirod.studies.scenes import six_legs, three_tubes
@@ -176,3 +178,16 @@ def test_instances_of_a_batch_are_what_they_are_in_it(name):
         for k in (2, 0, 1):
             np.testing.assert_array_equal(solution[k].rod(0).position, shape.position[k])
             np.testing.assert_array_equal(solution[k].jacobian("tip_force"), jacobian[k])
+
+
+@pytest.mark.parametrize("name", ["rod", "held"])
+def test_segments_are_made_for_those_that_ask(name, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("segments were made for a solve that has no use for them")
+
+    KEPT.forget()
+    for kind in (BackboneSegments, HeldSegments):
+        monkeypatch.setattr(kind, "__init__", refuse)
+    robot = ROBOTS[name]
+    assert mr.solve(robot, robot.inputs(**SCENES[name][0])).status is mr.Status.CONVERGED
+    KEPT.forget()

@@ -384,13 +384,12 @@ class Paths:
         return int(long.sum())
 
     def _doubt_ends(self, status: IntArray, integrations: IntArray) -> None:
-        """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at.
-
-        Where one is, rounding that would explain it too is not the reason, but where segments will tell.
-        """
+        """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at; where one is,
+        rounding that would explain it too is not the reason, but where segments will tell."""
         ends = status == int(Status.BRANCH_END)
-        if self.problem.segments is None:
-            ends |= (status == int(Status.STALLED)) & (self._get("step") < MIN_STEP)
+        small = (status == int(Status.STALLED)) & (self._get("step") < MIN_STEP)
+        if small.any() and self.problem.segments is None:  # which are made when they are asked for
+            ends |= small
         ended = np.flatnonzero(ends)
         if len(ended):
             least = self._newton.least_singular_values(self.state.reference.numpy()[ended])

@@ -70,7 +70,7 @@ def follow(
         return lost
     potential = stability.has_potential
     chosen = chosen & ((reached < 1) | (potential & (outcome.status == Status.UNSTABLE)))
-    segmented = problem.segments is not None and bool(chosen.any())
+    segmented = bool(chosen.any()) and problem.segments is not None
     singular = SINGULAR * problem.natural_singular_value if segmented else np.full(problem.instance_count, np.inf)
 
     def walked(own: IntArray, left: NDArray[np.integer[Any]], times: int = 1) -> list[Journey]:
