@@ -41,8 +41,7 @@ def carried() -> mr.Network:
 
 def grip(history: mr.History, name: str) -> np.ndarray:
     """Force with which the bar pulls an arm, in the world [N], shape (sample, 3)."""
-    tip = history.rod(name, nodes=2)
-    return np.einsum("tij,tj->ti", tip.rotation[:, -1], tip.force[:, -1])
+    return -history.wrench(name, "tip").force
 
 
 def main(arguments: Sequence[str] | None = None) -> tuple[float, float, float]:

@@ -53,6 +53,7 @@ if _typing.TYPE_CHECKING:
     from multirod.results.events import BranchEvent
     from multirod.results.history import History
     from multirod.results.solution import IncompleteWarning, Solution, SolveError
+    from multirod.results.wrenches import Wrench
     from multirod.rod import Rod, Section
     from multirod.running.simulation import simulate, solve
     from multirod.running.tracker import Tracker
@@ -152,6 +153,7 @@ __all__ = [
     "Tracker",
     "Tradeoff",
     "Walk",
+    "Wrench",
     "calibrate",
     "critical_loads",
     "equilibria",
@@ -201,6 +203,7 @@ _PUBLIC = {
     "rod": "Rod Section",
     "running.simulation": "simulate solve",
     "results.solution": "IncompleteWarning Solution SolveError",
+    "results.wrenches": "Wrench",
     "solver": "Outcome Solver Track registered_solvers",
     "solvers.energy_descent": "EnergyDescent",
     "solvers.multiple_shooting": "MultipleShooting",

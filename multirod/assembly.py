@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -32,6 +33,23 @@ else:
     from typing import TypeVar
 
 
+@dataclass(frozen=True)
+class Backbone:
+    """One backbone of a robot, a rod or tubes that bend alike, and what holds it.
+
+    Attributes:
+        rods: Which of the robot's rods they are.
+        tip: Whether something holds its tip; its base is always held.
+        name: That it was given by the robot, if any.
+        holes: How many it slides through.
+    """
+
+    rods: slice
+    tip: bool
+    name: str = ""
+    holes: int = 0
+
+
 class Assembly(ReadOnly, ABC):
     """Rods, how they are coupled, and what actuates them. Knows nothing of solvers.
 
@@ -47,6 +65,11 @@ class Assembly(ReadOnly, ABC):
         _input_name: Any  # of the names of inputs, those that ``Solution.jacobian`` takes: a ``Literal`` where they are known
     end_held: ClassVar[bool] = False  # whether something holds the end of its last rod, whose reactions solutions tell
     length_columns: ClassVar[bool] = False  # whether its problems take ``lengths``, and give how the lengths of lines vary
+
+    @property
+    def backbones(self) -> tuple[Backbone, ...]:
+        """What holds each backbone, in the order of the rods."""
+        raise NotImplementedError(f"{type(self).__name__} does not say what its rods do to what holds them")
 
     @property
     def end_loads(self) -> dict[str, slice]:

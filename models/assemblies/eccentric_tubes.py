@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from multirod import plausibility
+from multirod.assembly import Backbone
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import refuse_behind_plate
 from multirod.models.assemblies.inputs import EccentricTubesInput, EccentricTubesInputs, listed
@@ -83,6 +84,11 @@ class EccentricTubes(BackboneAssembly):
     @property
     def parameters(self) -> tuple[str, ...]:  # noqa: D102
         return tuple(name for name in super().parameters if name not in BY_LOAD)
+
+    @property
+    def backbones(self) -> tuple[Backbone, ...]:
+        """Not told: of tubes side by side ``rod(k)`` has not what guides hold."""
+        raise NotImplementedError("what tubes side by side do to their plate together is not told; base_torque is, of each")
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         refuse_behind_plate(inputs, self.rods)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, Unpack
 import numpy as np
 
 from multirod import plausibility
-from multirod.assembly import Assembly, pose
+from multirod.assembly import Assembly, Backbone, pose
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import RK45, Integrator
@@ -144,6 +144,10 @@ class HeldRod(Assembly):
         if self.base_joint != "clamped" and inputs.profiles:
             name = next(iter(inputs.profiles))
             refuse(name, Described("a function of arclength"), "must be numbers where the base turns in a joint")
+
+    @property
+    def backbones(self) -> tuple[Backbone, ...]:  # noqa: D102
+        return (Backbone(slice(0, 1), tip=True),)
 
     @property
     def parameters(self) -> tuple[str, ...]:  # noqa: D102

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
-from multirod.assembly import Assembly
+from multirod.assembly import Assembly, Backbone
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import (
     InverseParallelRodsInput,
@@ -82,6 +82,10 @@ class InverseParallelRods(Assembly):
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
         return InputSpecs((*POSE_INPUTS, *self.robot.input_specs))
+
+    @property
+    def backbones(self) -> tuple[Backbone, ...]:  # noqa: D102
+        return self.robot.backbones
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         self.robot.check(inputs)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
 
 import numpy as np
 
-from multirod.assembly import Assembly, pose
+from multirod.assembly import Assembly, Backbone, pose
 from multirod.batch import IntArray
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec, InputSpecs
@@ -40,12 +40,11 @@ from multirod.models.network.derivatives.designs import PARAMETERS, columns_of, 
 from multirod.models.network.elements.groups import ON_RODS, along, is_on_rods
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import Graph
-from multirod.models.network.joining.bodies import Body, name_of, place_of
+from multirod.models.network.joining.bodies import Body, name_of, number_of, place_of
 from multirod.models.network.joining.checks import holes_by_rod, joint_called, joints_by_end, warn_of_free_tips
 from multirod.models.network.joining.joints import Joint
 from multirod.models.network.places import FIXED, LOADED, PER_ROD
 from multirod.models.network.problem import NetworkProblem
-from multirod.naming import meant
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod
@@ -289,6 +288,11 @@ class Network(Assembly):
             yield name, rod, slice(first, end)
 
     @property
+    def backbones(self) -> tuple[Backbone, ...]:  # noqa: D102
+        ends, holes = self.graph.joints, self.graph.holes
+        return tuple(Backbone(own, (name, "tip") in ends, name, len(holes.get(name, ()))) for name, _, own in self._each())
+
+    @property
     def parameters(self) -> tuple[str, ...]:  # noqa: D102
         return tuple(name for name in PARAMETERS if name not in AROUND or self.graph.embeddable.any())
 
@@ -384,12 +388,7 @@ class Network(Assembly):
         Raises:
             ValueError: If there is no such body.
         """
-        names = [own.name for own in (*self.graph.bodies, *self.graph.fixed)]
-        name = body.name if isinstance(body, Body) else body
-        if not isinstance(name, str) or name not in names:
-            hint = meant(name, names) if isinstance(name, str) else ""
-            refuse("body", body, f"must be one of {', '.join(map(repr, names)) or 'none: there are no bodies'}{hint}")
-        return names.index(name)
+        return number_of(body, (*self.graph.bodies, *self.graph.fixed))
 
     def __repr__(self) -> str:
         kinds = (("rod", len(self.rods)), ("bod", len(self.bodies)), ("joint", len(self.joints)))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod import plausibility
-from multirod.assembly import Assembly, pose
+from multirod.assembly import Assembly, Backbone, pose
 from multirod.batch import IntArray
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
@@ -150,6 +150,10 @@ class ParallelRods(Assembly):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and the platform no mass")
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):
             refuse("magnetic_field", inputs.magnetic_field.tolist(), "must be zero: no rod has a magnetisation")
+
+    @property
+    def backbones(self) -> tuple[Backbone, ...]:  # noqa: D102
+        return tuple(Backbone(own, tip=True) for own in self._own_rods)
 
     @property
     def parameters(self) -> tuple[str, ...]:  # noqa: D102

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Self, Unpack
 
 import numpy as np
 
-from multirod.assembly import Assembly, pose
+from multirod.assembly import Assembly, Backbone, pose
 from multirod.batch import IntArray, broadcast_shapes, take
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import Integrator
@@ -69,6 +69,10 @@ class BackboneAssembly(Assembly):
         check_drives(inputs, self.rods)
         if inputs.is_active("translation"):
             check_reach(inputs, self.rods, straight=self.transmission)
+
+    @property
+    def backbones(self) -> tuple[Backbone, ...]:  # noqa: D102
+        return (Backbone(slice(0, self.rod_count), tip=False),)
 
     @property
     def has_conditions(self) -> bool:

@@ -12,8 +12,8 @@ from multirod.assembly import Robot_co
 from multirod.batch import Instances, along
 from multirod.naming import names_checked
 from multirod.results import derivatives
-from multirod.results.jointed import Jointed
 from multirod.results.remarks import Remarks
+from multirod.results.wrenches import Wrenches
 from multirod.status import Status
 from multirod.types import (
     AxesGiven,
@@ -36,6 +36,11 @@ _OTHER_NAMES = {
     **dict.fromkeys(("at", "point", "interpolate"), "along(arclength)"),
     **dict.fromkeys(("angle", "angles", "joint_angles", "joint_coordinates"), "joint_angle(name), of a joint of a Network"),
     **dict.fromkeys(("slide", "slides", "joint_slides"), "joint_slide(name), of a joint of a Network"),
+    **dict.fromkeys(
+        ("reaction", "reactions", "base_force", "base_moment", "base_wrench", "joint_force", "joint_wrench", "wrenches"),
+        "wrench(rod, end), what an end of a rod does to what holds it",
+    ),
+    **dict.fromkeys(("torque", "motor_torque", "actuator_torque", "joint_torque"), "base_torque, or wrench(rod, end)"),
     "rotation": "tip_rotation, or rod(0).rotation along a rod",
     **dict.fromkeys(("converged", "success", "ok"), "status, or failed"),
     **dict.fromkeys(("message", "reason"), "status.message"),
@@ -51,7 +56,7 @@ class IncompleteWarning(UserWarning):
     """Of a list that is known to lack something, or may lack something at a place that is known."""
 
 
-class Solution(Jointed[Robot_co]):
+class Solution(Wrenches[Robot_co]):
     """Equilibria of all instances; every array has the batch's leading axes ``...`` and is read-only: change a copy of it.
 
     An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,

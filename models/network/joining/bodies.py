@@ -1,6 +1,6 @@
 """What rods are joined to: rigid bodies, and the ground."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -109,6 +109,16 @@ def name_of(field: str, value: object) -> str:
     if not isinstance(value, str) or not value or value == Ground.name:
         refuse(field, value, "must be a name, and not 'ground'")
     return value
+
+
+def number_of(body: object, bodies: Sequence[Body]) -> int:
+    """Which of some bodies that is, or has this name."""
+    names = [own.name for own in bodies]
+    name = body.name if isinstance(body, Body) else body
+    if not isinstance(name, str) or name not in names:
+        hint = meant(name, names) if isinstance(name, str) else ""
+        refuse("body", body, f"must be one of {', '.join(map(repr, names)) or 'none: there are no bodies'}{hint}")
+    return names.index(name)
 
 
 def place_of(body: str, frame: str) -> str:
