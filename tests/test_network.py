@@ -484,13 +484,14 @@ def test_what_nothing_holds_or_moves_freely_is_named():
     refused("nothing holds body 'other': no rod is joined to it", bodies=[plate, other])
     adrift = [mr.Joint("far", "base", to=other), mr.Joint("far", "tip", to=other, pose=pose(position=(0.3, 0, 0)))]
     refused(
-        "no chain of rods joins it to the ground",
+        "no chain of rods joins it to the ground; of what floats, hold one body, fixed=True",
         rods=legs(1) | {"leg": LEG, "far": LEG} | {},
         bodies=[plate, other],
         joints=[base, tip, mr.Joint("leg 0", "base", to=mr.ground), *adrift],
     )
     refused("the tip of rod 'leg' is held already", joints=[base, tip, tip])
     refused("there is no rod 'log'; did you mean 'leg'?", joints=[base, mr.Joint("log", "tip", to=plate)])
+    refused("there is no rod 'plate': that is a body", joints=[base, mr.Joint("plate", "base", to=mr.ground, kind="spherical")])
     refused("body 'other' is not among bodies", joints=[base, mr.Joint("leg", "tip", to=other)])
     refused("must have a name of its own", rods={"plate": LEG}, joints=[])
     refused("end_effector = 'log' is not allowed: must be a body that moves, or a rod: 'plate', 'leg'", end_effector="log")
@@ -505,6 +506,8 @@ def test_what_nothing_holds_or_moves_freely_is_named():
         bodies=[],
         joints=[mr.Joint("leg", "base", to=mr.ground, kind="revolute", axis=X)],
     )
+    with pytest.raises(ValueError, match="must be the name of a rod: bodies are joined by rods alone"):
+        mr.Joint(plate, "base", to=mr.ground)
     # what has a spring is held
     mr.Network(rods=rods, bodies=[plate], joints=[base, mr.Joint("leg", "tip", to=plate, kind="spherical", stiffness=0.1)])
     with pytest.raises(TypeError, match="Network.rods must be a mapping of names to Rod"):

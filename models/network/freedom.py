@@ -34,7 +34,12 @@ def refuse_unheld(graph: Graph) -> None:
             continue
         if not any((own == k + 1).any() for own in frames):
             refuse("Network.bodies", body, f"nothing holds body {body.name!r}: no rod is joined to it")
-        refuse("Network.joints", body, f"nothing holds body {body.name!r}: no chain of rods joins it to the ground")
+        refuse(
+            "Network.joints",
+            body,
+            f"nothing holds body {body.name!r}: no chain of rods joins it to the ground; of what floats, hold one body, "
+            "fixed=True: where loads balance, it bears nothing",
+        )
 
 
 def refuse_mechanism(graph: Graph) -> None:

@@ -26,6 +26,7 @@ class Ground:
 
 
 ground = Ground()
+BY_RODS = "bodies are joined by rods alone; for a hinge between two, clamp a short stiff rod to one and join its tip to the other"
 
 
 class Body(ReadOnly):

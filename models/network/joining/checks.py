@@ -6,7 +6,7 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.models.network.graph import ENDS, Graph
-from multirod.models.network.joining.bodies import Body
+from multirod.models.network.joining.bodies import BY_RODS, Body
 from multirod.models.network.joining.joints import ALONG as ALONG_ROD
 from multirod.models.network.joining.joints import SLIDING, Joint
 from multirod.models.network.joining.sliding import uniform
@@ -20,7 +20,8 @@ def joints_by_end(joints: Sequence[Joint], rods: Mapping[str, object], bodies: S
     found: dict[tuple[str, str], Joint] = {}
     for joint in joints:
         if joint.rod not in rods:
-            refuse("Network.joints", joint, f"there is no rod {joint.rod!r}{meant(joint.rod, rods)}")
+            body = f": that is a body, and {BY_RODS}" if joint.rod in [body.name for body in bodies] else meant(joint.rod, rods)
+            refuse("Network.joints", joint, f"there is no rod {joint.rod!r}{body}")
         if isinstance(joint.to, Body) and joint.to not in bodies:
             refuse("Network.joints", joint, f"body {joint.to.name!r} is not among bodies")
         if joint.end == ALONG_ROD:

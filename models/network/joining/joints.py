@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import pose as checked_pose
-from multirod.models.network.joining.bodies import Body, Ground, name_of
+from multirod.models.network.joining.bodies import BY_RODS, Body, Ground, name_of
 from multirod.read_only import ReadOnly, changed
 from multirod.rotations import vectors, with_changes
 from multirod.types import Numbers
@@ -80,6 +80,8 @@ class Joint(ReadOnly):
         driven: bool = False,
         at: float | None = None,
     ) -> None:
+        if isinstance(rod, (Body, Ground)):
+            refuse("Joint.rod", rod, f"must be the name of a rod: {BY_RODS}")
         self.rod = name_of("Joint.rod", rod)
         self.end = choice("Joint.end", end, ("base", "tip", ALONG))
         if not isinstance(to, (Body, Ground)):
