@@ -149,3 +149,20 @@ def test_loads_on_one_robot_take_one_integration_of_the_unloaded_robot(wire, mon
         batch = mr.solve(robot, robot.inputs(**given), solver=solver, threads=1)
         assert_same(batch, 7, mr.solve(robot, robot.inputs(tip_force=forces[7], **{name: values[7]}), solver=solver))
     assert not any(shared)
+
+
+@pytest.mark.parametrize("batch", [(), (2,)])
+def test_a_motion_to_which_nothing_is_applied_is_asked_as_any(batch, wire, make_pose, tmp_path):
+    base = np.stack([np.eye(4), make_pose((0.3, 0, 0), (0, 0, 0.1))]) if batch else np.eye(4)
+    robot, time = mr.SingleRod(wire, base=base), 0.1 * np.arange(3)
+    motion = mr.simulate(robot, robot.inputs(), time=time).raise_if_failed()
+    at_rest = mr.solve(robot, robot.inputs())
+    assert motion.inputs.batch_shape == motion.batch_shape == (3, *batch)
+    np.testing.assert_array_equal(motion.tip_position, np.broadcast_to(at_rest.tip_position, (3, *batch, 3)))
+    np.testing.assert_array_equal(motion.rod(0).position[1], at_rest.rod(0).position)
+    assert motion.energy.shape == (3, *batch)
+    assert motion[1].inputs.batch_shape == batch
+    np.testing.assert_array_equal(motion[1].rod(0).position, at_rest.rod(0).position)
+    motion.save(tmp_path / "motion.npz")
+    motion.save(tmp_path / "motion.rrd", instances=1)
+    np.testing.assert_array_equal(mr.load(tmp_path / "motion.npz").rod(0).position, motion.rod(0).position)

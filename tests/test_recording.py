@@ -19,6 +19,7 @@ import multirod as mr
 from multirod.recording import Recorder, columns, layout, save
 from multirod.recording.background import Sample
 from multirod.recording.framing import Extent, Frame
+from multirod.recording.loads import DrawnLoad, along_rods
 from multirod.recording.passing import Packer, Unpacker
 from multirod.recording.profiles import stepped
 
@@ -595,6 +596,51 @@ def test_loads_on_a_platform_start_where_they_act(tripod_history, tmp_path):
         np.testing.assert_allclose(origins, point, atol=1e-7, err_msg=name)
 
 
+def test_what_acts_along_rods_is_one_force_at_its_middle():
+    """Of a force that grows along a rod from nothing the middle is at two thirds; of tubes the longest tells, and once."""
+    s = np.linspace(0, 0.3, 301)
+    force = np.stack([0.045 - s**2 / 2, 0 * s, 0 * s + 7.0], axis=-1)  # 1 N/m^2 times the arclength, and 7 N at the tip
+    frames = np.tile([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]], (len(s), 1, 1))
+    straight = {
+        "arclength": s,
+        "position": np.stack([0 * s, 0 * s, s], axis=-1),
+        "rotation": frames,
+        "total_force": np.einsum("nji,nj->ni", frames, force),
+    }
+    short = {name: value[:101] for name, value in straight.items()} | {"arclength": np.linspace(0, 0.1, 301)}
+    short |= {name: np.full_like(straight[name], np.nan) for name in ("position", "rotation", "total_force")}
+    shapes = [{name: value[None, None] for name, value in own.items()} for own in (short, straight)]
+    load = DrawnLoad("along", ("along",), 0, "brown", rods=(0, 1))
+    origin, vector = along_rods(load, shapes, (1, 1, 3))
+    np.testing.assert_allclose(vector[0, 0], (0.045, 0, 0), atol=1e-15)
+    np.testing.assert_allclose(origin[0, 0], (0, 0, 0.2), atol=1e-6)  # nodes are a millimetre apart
+    shapes[1]["total_force"] = np.einsum("nji,nj->ni", frames, 0 * force + [0, 0, 7.0])[None, None] * (1 + 1e-15)
+    assert not along_rods(load, shapes, (1, 1, 3))[1].any()
+
+
+def test_weights_are_drawn_where_they_act(tmp_path):
+    rod = mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, linear_density=0.05)
+    robot = mr.ParallelRods(
+        legs=[rod] * 3, base=triangle(0.05), platform=triangle(0.03), platform_mass=0.04, platform_centre=(0, 0, 0.01)
+    )
+    inputs = robot.inputs(gravity=(0, 0, -9.81), tip_moment=(0, 0.01, 0), tip_force=(0.1, 0, 0), force_point=(0, 0, 0.02))
+    history = mr.simulate(robot, inputs, time=[0.0, 0.1]).raise_if_failed()
+    history.save(tmp_path / "run.rrd", force_scale=0.1)
+    recording = Recording(tmp_path / "run.rrd")
+    for k in range(3):
+        arrows, origins = arrows_of(recording, f"along/leg_{k + 1}")
+        np.testing.assert_allclose(arrows, np.tile([0, 0, -0.1 * 0.05 * 0.2 * 9.81], (2, 1)), atol=1e-8)
+        np.testing.assert_allclose(origins, history.rod(k, nodes=401).position.mean(axis=1), atol=1e-4)
+    arrows, origins = arrows_of(recording, "weight/platform")
+    np.testing.assert_allclose(arrows, np.tile([0, 0, -0.1 * 0.04 * 9.81], (2, 1)), atol=1e-8)
+    np.testing.assert_allclose(origins, history.tip_position + history.tip_rotation @ [0, 0, 0.01], atol=1e-7)
+    arrows, origins = arrows_of(recording, "tip_moment")
+    np.testing.assert_allclose(origins, history.tip_position, atol=1e-7)
+    ((legend,),) = recording.column("/legend", "TextDocument:text", static=True)
+    assert "brown `along`, brown `weight`, 1 N is 100 mm" in legend
+    assert "violet `tip_moment`" in legend
+
+
 class Scattered(mr.Solver):
     """Leaves residuals of all sizes, each another."""
 
@@ -810,13 +856,17 @@ def test_a_network_has_its_bodies_and_what_acts_on_them(network_history, tmp_pat
     arrows, origins = arrows_of(recording, r"moment/held\/up")
     np.testing.assert_allclose(origins, history.body_position("held/up"), atol=1e-7)
     assert not [row for row in recording.column(r"/world/loads/force/held\/up", "Arrows3D:vectors") if row]
+    weight, origins = arrows_of(recording, "weight/plate")  # which alone has a mass: nothing acts along the rods
+    np.testing.assert_allclose(weight, np.tile([0, 0, -0.1 * 0.02 * 9.81], (3, 1)), atol=1e-8)
+    np.testing.assert_allclose(origins, history.body_position("plate"), atol=1e-7)
+    assert not any(path.startswith("/world/loads/along") for path in recording.paths)
     (text,) = recording.column("/description", "TextDocument:text", static=True)
     for row in ("| strut 0, strut 1, strut 2 | ground, clamped | plate, spherical |", "| feeler | held/up, clamped | free |"):
         assert row in text[0]
     assert "**Bodies** plate (0.02 kg), held/up. **End effector** feeler" in text[0]
     (legend,) = recording.column("/legend", "TextDocument:text", static=True)
     scale = arrows[0, 2] / 0.02  # a moment of 0.02 N m
-    assert "arrows: yellow `force`, 1 N is 100 mm" in legend[0]
+    assert "arrows: yellow `force`, brown `weight`, 1 N is 100 mm" in legend[0]
     assert f"arrows: violet `moment`, 1 N m is {1e3 * scale:.4g} mm" in legend[0]
     (labels,) = recording.column("/inputs/force", "SeriesLines:names", static=True)
     assert labels[:4] == ["plate x", "plate y", "plate z", "held/up x"]

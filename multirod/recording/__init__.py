@@ -11,8 +11,10 @@ Entities (``[instance_k]`` only where there is a batch axis). ``ROD`` is a rod's
 ``/world/[instance_k/]tip_path``           a stroke a sample, from the tip before
 ``/world/[instance_k/]platform``           a plate through the attachments, for robots that have a platform
 ``/world/[instance_k/]bodies/BODY``        the same of each body of a ``Network``, with its frame; below it its ``name``
-``/world/[instance_k/]loads/NAME``         ``tip_force`` and ``follower_force``, arrows in newtons, from where they act; of a
-                                           ``Network`` ``force/BODY``, ``moment/BODY``, or of the rod whose tip is free
+``/world/[instance_k/]loads/NAME``         ``tip_force``, ``follower_force``, arrows in newtons, ``tip_moment``,
+                                           ``follower_moment`` in newton metres, from where they act; of a ``Network``
+                                           ``force/BODY``, ``moment/BODY``, or of the rod whose tip is free
+``/world/[instance_k/]loads/along[/ROD]``  all that acts along a rod, as one force; ``weight/BODY`` that of a body or platform
 ``/world/[instance_k/]reference/...``      shape and tip path of the reference
 ``/error/boundary[_log10][/instance_k]``   ``residual`` [1/m]
 ``/error/blocks[_log10][/instance_k]``     the same of each leg and of the platform, a series each, where there are several; of

@@ -105,7 +105,8 @@ class Entities:
         path = stage.load(k, load)
         sound = np.isfinite(origins).all(axis=1) & np.isfinite(force).all(axis=1) & (np.abs(force).max(axis=1) > 0)
         labels = [f"{value:.3g} {load.unit}" for value in np.linalg.norm(force[sound], axis=1)]
-        arrows = rr.Arrows3D.columns(vectors=force[sound], labels=labels if stage.labelled else None)
+        told = stage.labelled and (not load.rods or len(load.path) == 1)  # names of rods are where their middles are
+        arrows = rr.Arrows3D.columns(vectors=force[sound], labels=labels if told else None)
         places = rr.Transform3D.columns(translation=origins[sound])
         self._send(path, index, [*arrows.partition(sound.astype(int)), *places.partition(sound.astype(int))])
 

@@ -68,6 +68,8 @@ def legend(stage: Stage) -> str:
         arrows = dict.fromkeys(f"{load.shade} `{load.name}`" for load in stage.loads if load.kind == kind)
         if arrows:
             parts.append(f"arrows: {', '.join(arrows)}, 1 {unit} is {1e3 * stage.scales[kind]:.4g} mm")
+    if any(load.rods for load in stage.loads):
+        parts.append("`along`: all that acts along a rod, as one force")
     if stage.lines:
         parts.append(f"lines: red pulls, blue pushes, in full at {stage.strongest:g} N; grey hangs loose")
     if stage.thinner:

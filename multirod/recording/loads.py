@@ -1,14 +1,21 @@
-"""Forces and moments as arrows: of the end effector, or of the bodies, free tips and joints of a network."""
+"""Forces and moments as arrows: of the end effector, or of the bodies, free tips and joints of a network; weights, and what else
+acts along rods, as one force each."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from os.path import commonprefix
 from typing import Literal
 
 import numpy as np
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs, InputSpec
+from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 from multirod.models.assemblies.network import Network
+from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.backbone.kernels.tips import longest
+from multirod.recording.figure import drawn_rods
 from multirod.results.history import History
 from multirod.results.solution import Solution
 from multirod.validation import FloatArray
@@ -27,6 +34,10 @@ class DrawnLoad:
         place: Which of a network's ``load_places`` it acts on, or which of the coordinates that the input has.
         follows: Whether it is fixed in the frame of where it acts.
         coordinate: Of what acts along a coordinate of a joint, which of all coordinates that is; -1 of others.
+        rods: Of what acts along rods, which these are: concentric ones share their force.
+        mass: Of a body's weight, the mass [kg].
+        mass_centre: Where that is, in the body's frame [m].
+        given_by: The inputs that it comes from, where these are not ``name``.
     """
 
     name: str
@@ -37,6 +48,15 @@ class DrawnLoad:
     place: int = 0
     follows: bool = False
     coordinate: int = -1
+    rods: tuple[int, ...] = ()
+    mass: float = 0.0
+    mass_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    given_by: tuple[str, ...] = ()
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Those that it is drawn for."""
+        return self.given_by or (self.name,)
 
     @property
     def unit(self) -> str:
@@ -44,24 +64,27 @@ class DrawnLoad:
         return "N" if self.kind == "force" else "N m"
 
 
-FORCE, FOLLOWER, MOMENT = (0xFFD43B, "yellow"), (0xFF922B, "orange"), (0xB197FC, "violet")
+FORCE, FOLLOWER, MOMENT, SPREAD = (0xFFD43B, "yellow"), (0xFF922B, "orange"), (0xB197FC, "violet"), (0xD9A066, "brown")
 TIP_LOADS = (
     DrawnLoad("tip_force", ("tip_force",), *FORCE),
     DrawnLoad("follower_force", ("follower_force",), *FOLLOWER, follows=True),
+    DrawnLoad("tip_moment", ("tip_moment",), *MOMENT, "moment"),
+    DrawnLoad("follower_moment", ("follower_moment",), *MOMENT, "moment", follows=True),
 )
+NOTHING = 1e-9  # of the force in a rod: what acts along it is not told from rounding
 
 
 def drawn_loads(assembly: Assembly) -> tuple[DrawnLoad, ...]:
     """All that there may be of an assembly."""
     if not isinstance(assembly, Network):
-        return TIP_LOADS
+        return (*TIP_LOADS, *spread(assembly))
     on_places = [
         DrawnLoad(spec.name, (spec.name, name), *_shade(spec), spec.load, k, spec.follows)
         for spec in assembly.input_specs
         if spec.acts == "tip" and spec.load is not None
         for k, name in enumerate(assembly.load_places)
     ]
-    return (*on_places, *pushes(assembly))
+    return (*on_places, *pushes(assembly), *spread(assembly))
 
 
 def pushes(robot: Network) -> list[DrawnLoad]:
@@ -74,55 +97,124 @@ def pushes(robot: Network) -> list[DrawnLoad]:
     ]
 
 
+def spread(assembly: Assembly) -> list[DrawnLoad]:
+    """What acts along the rods of each backbone, together, and the weights of what they carry."""
+    specs = [spec for spec in assembly.input_specs if spec.acts == "along" and spec.load == "force"]
+    rods = drawn_rods(assembly)
+
+    def acting_on(some: Sequence[int]) -> tuple[str, ...]:
+        heavy = any(assembly.rods[k].has_mass for k in some)
+        return tuple(spec.name for spec in specs if heavy or spec.on != "linear_density")
+
+    if isinstance(assembly, Network):
+        own = [(name, tuple(assembly.tubes_of(name))) for name in assembly.graph.whole_names]
+    else:
+        legs = [tuple(some) for _, some in groupby(range(len(rods)), lambda k: rods[k].leg)]
+        own = [("/".join(commonprefix([rods[k].path for k in some])), some) for some in legs]
+    paths = [("along",)] if len(own) == 1 else [("along", name) for name, _ in own]
+    along = [
+        DrawnLoad("along", path, *SPREAD, rods=some, given_by=acting_on(some)) for path, (_, some) in zip(paths, own, strict=True)
+    ]
+    return [*along, *(load for load in _weights(assembly) if load.mass > 0)]
+
+
+def _weights(assembly: Assembly) -> list[DrawnLoad]:
+    bodies: list[tuple[str, float, FloatArray]] = []
+    if isinstance(assembly, Network):
+        bodies = [(body.name, body.mass, body.mass_centre) for body in assembly.bodies]
+    elif isinstance(assembly, (ParallelRods, InverseParallelRods)):
+        bodies = [("platform", assembly.geometry.mass, assembly.geometry.mass_centre)]
+    return [
+        DrawnLoad(
+            "weight", ("weight", name), *SPREAD, place=k, mass=mass, mass_centre=tuple(centre.tolist()), given_by=("gravity",)
+        )
+        for k, (name, mass, centre) in enumerate(bodies)
+    ]
+
+
 def _shade(spec: InputSpec) -> tuple[int, str]:
     if spec.load == "moment":
         return MOMENT
     return FOLLOWER if spec.follows else FORCE
 
 
-def largest(block: History, kind: str) -> float:
+Acting = Mapping[DrawnLoad, tuple[FloatArray, FloatArray]]
+
+
+def largest(loads: Acting, kind: str) -> float:
     """The largest of a kind that is drawn [N] or [N m]."""
-    loads = [own for own in drawn_loads(block.assembly) if own.kind == kind]
-    return max((float(np.linalg.norm(given(block.inputs, own), axis=-1).max()) for own in loads), default=0.0)
+    sizes = [np.linalg.norm(vector, axis=-1) for own, (_, vector) in loads.items() if own.kind == kind]
+    return max((float(np.nanmax(size, initial=0.0)) for size in sizes), default=0.0)
 
 
-def acting(block: History) -> dict[DrawnLoad, tuple[FloatArray, FloatArray]]:
-    """Where each load that was given acts, and the load, both in the world, axes (sample, instance, 3)."""
+def acting(block: History, shapes: Sequence[Mapping[str, FloatArray]]) -> Acting:
+    """Where each load that was given acts, and the load, both in the world, axes (sample, instance, 3).
+
+    Args:
+        block: The samples.
+        shapes: Those of all rods, by field, the axes of nodes behind those of the samples.
+    """
     shape = (len(block.time), -1, 3)
     found = {}
-    point = None
     for own in drawn_loads(block.assembly):
-        if own.name not in block.inputs.given:
+        if not any(name in block.inputs.given for name in own.inputs):
             continue
-        vector = given(block.inputs, own)
+        if own.rods:
+            found[own] = along_rods(own, shapes, shape)
+            continue
         if own.coordinate >= 0:
             origin, axis = (values[..., own.coordinate, :] for values in block._pushed_axes)
-            found[own] = origin.reshape(shape), (vector * axis).reshape(shape)
+            found[own] = origin.reshape(shape), (given(block.inputs, own) * axis).reshape(shape)
             continue
-        vector = _vectors(block, vector)
-        if isinstance(block.assembly, Network):
-            origin, frame = place_of(block, block.assembly, own.place, nodes=2)
-            if own.follows:
-                vector = np.einsum("...ij,...j->...i", frame, vector)
-        else:
-            if point is None:
-                by_arm = _turned(block, block.inputs.force_point) if "force_point" in block.inputs.given else 0.0
-                point = block.tip_position + by_arm
-            origin = point
-            if own.follows:
-                vector = _turned(block, vector)
+        origin, frame = _where(block, own)
+        if own.mass:
+            origin = origin + np.einsum("...ij,j->...i", frame, own.mass_centre)
+        elif own.kind == "force" and "force_point" in block.inputs.given:
+            origin = origin + np.einsum("...ij,...j->...i", frame, _vectors(block, block.inputs.force_point))
+        vector = _vectors(block, own.mass * block.inputs.gravity if own.mass else given(block.inputs, own))
+        if own.follows:
+            vector = np.einsum("...ij,...j->...i", frame, vector)
         found[own] = origin.reshape(shape), vector.reshape(shape)
     return found
 
 
-def arrow_ends(block: History, scales: dict[str, float]) -> FloatArray:
+def _where(block: History, load: DrawnLoad) -> tuple[FloatArray, FloatArray]:
+    if isinstance(block.assembly, Network):
+        return place_of(block, block.assembly, load.place, nodes=2)
+    return block.tip_position, block.tip_rotation
+
+
+def along_rods(
+    load: DrawnLoad, shapes: Sequence[Mapping[str, FloatArray]], axes: tuple[int, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """By how much the force in rods that share it changes from base to tip: what acts on them in between, and its middle.
+
+    They are as long as the longest of them, and beyond it there is nothing.
+    """
+    own = [shapes[k] for k in load.rods]
+    end = longest(np.stack([shape["arclength"][..., -1] for shape in own], axis=-1))[..., None, None, None]
+    position, force = (np.stack([shape[name] for shape in own], axis=-3) for name in ("position", "total_force"))
+    rotation = np.stack([shape["rotation"] for shape in own], axis=-4)
+    force = np.einsum("...ij,...j->...i", rotation, force)
+    position, force = (np.take_along_axis(values, end, axis=-3)[..., 0, :, :] for values in (position, force))
+    acts = force[..., :-1, :] - force[..., 1:, :]
+    size = np.linalg.norm(acts, axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        total = size.sum(axis=-2, keepdims=True)
+        is_one = total > NOTHING * np.linalg.norm(force, axis=-1).max(axis=-1)[..., None, None]
+        share = np.where(is_one, size, 1.0) / np.where(is_one, total, size.shape[-2])
+    middle = (share * (position[..., :-1, :] + position[..., 1:, :]) / 2).sum(axis=-2)
+    return middle.reshape(axes), np.where(is_one, acts, 0.0).sum(axis=-2).reshape(axes)
+
+
+def arrow_ends(loads: Acting, scales: Mapping[str, float]) -> FloatArray:
     """Where the arrows of all samples begin and end [m], shape (count, 3)."""
     found = [
         values.reshape(-1, 3)
-        for own, (origin, vector) in acting(block).items()
+        for own, (origin, vector) in loads.items()
         for values in (origin, origin + scales[own.kind] * vector)
     ]
-    return np.concatenate(found) if found else block.tip_position.reshape(-1, 3)
+    return np.concatenate([np.zeros((0, 3)), *found])
 
 
 def given(inputs: Inputs, load: DrawnLoad) -> FloatArray:
@@ -135,10 +227,6 @@ def given(inputs: Inputs, load: DrawnLoad) -> FloatArray:
 
 def _vectors(block: History, value: FloatArray) -> FloatArray:
     return np.broadcast_to(value, (*block.batch_shape, 3))
-
-
-def _turned(block: History, value: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("...ij,...j->...i", block.tip_rotation, _vectors(block, value)))
 
 
 def place_of(solution: Solution, robot: Network, place: int, *, nodes: int | None = None) -> tuple[FloatArray, FloatArray]:

@@ -46,7 +46,7 @@ def first_instances(history: History, count: int) -> History:
         replace(history._scene, batch_shape=(samples, kept)),
         history._records[rows],
         history._outcome.take(rows),
-        history.inputs.with_arrays(arrays),
+        history.inputs.with_arrays(arrays, (samples, kept)),
         time=history.time,
         step_time=history.step_time,
         description=history.description,

@@ -24,7 +24,7 @@ from multirod.recording.figure import (
     kind,
 )
 from multirod.recording.framing import ARROW, Extent, Frame, halved, radian_force, round_down, round_up
-from multirod.recording.loads import DrawnLoad, arrow_ends, drawn_loads, largest
+from multirod.recording.loads import DrawnLoad, acting, arrow_ends, drawn_loads, largest
 from multirod.recording.profiles import Profile, profiles
 from multirod.results.history import History
 from multirod.results.remarks import Remarks
@@ -62,6 +62,7 @@ class Stage:
         live: Whether samples are still to come that nothing is known of.
         measured: Whether the time of samples was measured.
         given: What is known of the inputs given as numbers: first what varies, and among it the loads.
+        functions: Names of inputs given as functions of arclength.
         reference: What it is called; empty where there is none.
         kind: What the robot's parts are called.
         rods: How each rod is drawn.
@@ -89,6 +90,7 @@ class Stage:
     live: bool
     measured: bool
     given: tuple[InputSpec, ...]
+    functions: tuple[str, ...]
     reference: str
     kind: str
     rods: tuple[DrawnRod, ...]
@@ -143,8 +145,9 @@ class Stage:
             scale = round_down(ARROW * reach / radian_force(assembly.rods, reach))
             moment_scale = round_down(ARROW / radian_force(assembly.rods, reach))
         else:
-            scale, moment_scale = (final_scale(largest(block, load), size) for load in ("force", "moment"))
-            extent.add(arrow_ends(block, {"force": scale if force_scale is None else force_scale, "moment": moment_scale}))
+            loads = acting(block, [vars(shape) for shape in shapes])
+            scale, moment_scale = (final_scale(largest(loads, kind), size) for kind in ("force", "moment"))
+            extent.add(arrow_ends(loads, {"force": scale if force_scale is None else force_scale, "moment": moment_scale}))
             frame = Frame(extent.points)
         whole = drawn_rods(assembly)
         part = beside_lines(assembly.rods, whole)
@@ -157,6 +160,7 @@ class Stage:
             live=live,
             measured=bool(np.isfinite(block.step_time).any()),
             given=given(block),
+            functions=tuple(block.inputs.profiles),
             reference="" if reference is None else reference_name or "reference",
             kind=kind(assembly),
             rods=rods,
@@ -204,8 +208,8 @@ class Stage:
     @property
     def loads(self) -> list[DrawnLoad]:
         """Those that are drawn, as far as is known."""
-        names = {spec.name for spec in self.given}
-        return [own for own in drawn_loads(self.assembly) if own.name in names]
+        names = {spec.name for spec in self.given} | set(self.functions)
+        return [own for own in drawn_loads(self.assembly) if not names.isdisjoint(own.inputs)]
 
     @property
     def split(self) -> str:
@@ -261,7 +265,7 @@ def given(block: History) -> tuple[InputSpec, ...]:
     """The inputs given as numbers: first what varies as far as is known, and among it the loads."""
     numbers = set(block.inputs.arrays)
     specs = [spec for spec in block.assembly.input_specs if spec.name in numbers]
-    loads = {own.name for own in drawn_loads(block.assembly)}
+    loads = {name for own in drawn_loads(block.assembly) for name in own.inputs}
     return tuple(sorted(specs, key=lambda spec: (not _varies(block, spec.name), spec.name not in loads)))
 
 

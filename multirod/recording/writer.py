@@ -16,7 +16,7 @@ from multirod.recording.coloring import Coloring
 from multirod.recording.entities import Entities
 from multirod.recording.figure import discs
 from multirod.recording.framing import Extent, Frame
-from multirod.recording.loads import acting, arrow_ends, largest
+from multirod.recording.loads import Acting, acting, arrow_ends, largest
 from multirod.recording.series import compare, compared, scalars_of, tips_of, told
 from multirod.recording.stage import TIP_AXES, Stage, final_scale, frame_ends, given, live_scale, targets
 from multirod.recording.style import scales, styles
@@ -130,8 +130,9 @@ class Writer:
         sources = [("", block)] if reference is None else [("", block), ("reference/", reference)]
         shapes = {kind: self._shapes(source, samples) for kind, source in sources}
         tips = tips_of(block, reference)
+        loads = acting(block, shapes[""])
         if self._live:
-            self._widen(block, shapes[""], remarks)
+            self._widen(block, shapes[""], loads, remarks)
         self._breathe()
         stage = self.stage
         if any(profile.name == "difference" for profile in stage.profiles):
@@ -143,7 +144,6 @@ class Writer:
         self._breathe()
         scalars = scalars_of(stage, block, tips) | told(remarks)
         self._breathe()
-        loads = acting(block)
         bodies = [
             (position.reshape(samples, -1, 3), rotation.reshape(samples, -1, 3, 3))
             for position, rotation in (poses_of(body, block) for body in stage.bodies)
@@ -180,7 +180,7 @@ class Writer:
                     self._entities.arrows(stage, k, load, index, origins[rows, k], force[rows, k])
                     if remarks and load.name in remarks[0].covariances:
                         spread = np.array([said.covariances[load.name] for said in remarks[rows]])
-                        if load.name == "follower_force":
+                        if load.follows:
                             spread = rotations[rows, k] @ spread @ rotations[rows, k].swapaxes(1, 2)
                         self._entities.ellipsoid(f"{stage.load(k, load)}/spread", index, force[rows, k], spread)
                 if remarks and remarks[0].target is not None:
@@ -194,10 +194,10 @@ class Writer:
                 nodes_of_rods = [shape["position"][rows, k] for shape in shapes[""]]
                 self._entities.failed(stage, k, steps[rows], block.time[rows], statuses[rows, k], nodes_of_rods)
 
-    def _widen(self, block: History, shapes: Sequence[dict[str, FloatArray]], remarks: Sequence[Remarks]) -> None:
+    def _widen(self, block: History, shapes: Sequence[dict[str, FloatArray]], loads: Acting, remarks: Sequence[Remarks]) -> None:
         """Fit scale, frame and plots to what was not known when the stage was set."""
         before = self.stage
-        self._largest = {kind: max(known, largest(block, kind)) for kind, known in self._largest.items()}
+        self._largest = {kind: max(known, largest(loads, kind)) for kind, known in self._largest.items()}
         wanted = {kind: live_scale(scale, self._largest[kind], before) for kind, scale in before.scales.items()}
         if self._force_scale is not None:
             wanted["force"] = before.force_scale
@@ -206,7 +206,7 @@ class Writer:
         self._extent.add(targets(remarks))
         self._extent.add(around(before.bodies, block))
         self._extent.add(frame_ends(block, TIP_AXES * before.size))
-        self._extent.add(arrow_ends(block, wanted))
+        self._extent.add(arrow_ends(loads, wanted))
         more = tuple(spec for spec in given(block) if spec not in before.given)
         self.stage = replace(before, **_scales(wanted), given=(*before.given, *more))
         frame = Frame.between(before.centre, before.eye)
@@ -237,7 +237,7 @@ class Writer:
 
     def _shapes(self, source: History, samples: int) -> list[dict[str, FloatArray]]:
         """Shapes of all rods with axes (sample, instance, node, ...)."""
-        tails = {"arclength": 1, "position": 2, "rotation": 3, "curvature": 2, "moment": 2, "force": 2}
+        tails = {"arclength": 1, "position": 2, "rotation": 3, "curvature": 2, "moment": 2, "force": 2, "total_force": 2}
         shapes = []
         for rod in range(source.assembly.rod_count):
             shape = source.rod(rod, nodes=self._node_count)

@@ -88,7 +88,8 @@ class Found(ReadOnly, Generic[Robot_co]):
         arrays = {name: getattr(taken, name) for name in taken.arrays}
         if not taken.batch_shape:
             return taken
-        return taken.with_arrays({name: value.reshape(*self.batch_shape, value.shape[-1]) for name, value in arrays.items()})
+        shape = self.batch_shape
+        return taken.with_arrays({name: value.reshape(*shape, value.shape[-1]) for name, value in arrays.items()}, shape)
 
     @property
     def _axes(self) -> tuple[int, ...]:

@@ -227,8 +227,6 @@ def stack(
     outcome = Outcome.joined([sample._outcome for sample in samples])
     records = np.concatenate([sample._records for sample in samples])
     batch_shape = (len(samples), *first.batch_shape)
-    inputs = first.inputs.with_arrays(arrays)
-    if not arrays:
-        inputs = inputs[np.newaxis][np.zeros(batch_shape, dtype=int)]
+    inputs = first.inputs.with_arrays(arrays, batch_shape)
     scene = replace(first._scene, batch_shape=batch_shape)
     return History(scene, records, outcome, inputs, time=times, step_time=durations, description=description)

@@ -389,4 +389,4 @@ def _with_time(inputs: Inputs, count: int, batch_shape: tuple[int, ...]) -> Inpu
     for name in inputs.arrays:
         value = getattr(inputs, name)
         arrays[name] = np.broadcast_to(value.reshape(*shape, value.shape[-1]), (count, *batch_shape, value.shape[-1]))
-    return inputs.with_arrays(arrays)
+    return inputs.with_arrays(arrays, (count, *batch_shape))

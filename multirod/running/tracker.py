@@ -42,7 +42,8 @@ class Unpack:
 
     def __call__(self, rows: FloatArray) -> Inputs:
         """The inputs of these rows."""
-        return self.like.with_arrays({name: rows[:, place].reshape(*self.batch_shape, -1) for name, place in self.places.items()})
+        shape = self.batch_shape
+        return self.like.with_arrays({name: rows[:, own].reshape(*shape, -1) for name, own in self.places.items()}, shape)
 
 
 def _time_step(dt: float | None, solver: Solver) -> float:
