@@ -20,7 +20,8 @@ BOTH = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 class Leg:
     """One rod of constant section from ``base`` to ``attachment``, both (4, 4): frames (node, 3, 3) and stretches of its nodes.
 
-    ``axial`` is None of what does not stretch. ``rest`` is one, or of each segment.
+    ``axial`` is None of what does not stretch. ``rest`` is one, or of each segment. ``moment`` is a dead one on a tip that turns
+    about one axis alone, ``load`` what dead forces along it do work on, by where each node points, (node, 3).
     """
 
     length: float
@@ -40,6 +41,14 @@ class Leg:
         self.weight = np.full(self.count + 1, self.h)
         self.weight[[0, -1]] *= 0.5
         self.across = np.eye(3) if self.joint == "clamped" else np.linalg.svd(self.axis[None])[2][1:]
+        self.load, self.moment = np.zeros((self.count + 1, 3)), np.zeros(3)
+
+    def carry(self, force: np.ndarray) -> None:
+        """Dead forces per length on all segments, (segment, 3), half of each on either end."""
+        half = 0.5 * np.broadcast_to(self.h, self.count)[:, None]
+        own = np.append(half * force, np.zeros((1, 3)), axis=0) + np.append(np.zeros((1, 3)), half * force, axis=0)
+        beyond = half * np.cumsum(own[:0:-1], axis=0)[::-1]  # a segment moves all nodes behind it
+        self.load = np.append(beyond, np.zeros((1, 3)), axis=0) + np.append(np.zeros((1, 3)), beyond, axis=0)
 
     @property
     def size(self) -> int:
@@ -109,10 +118,11 @@ def turned_twice(force: np.ndarray, arm: np.ndarray) -> np.ndarray:
 class LegEnergy:
     """Legs on a platform at ``position``, ``turn`` (3, 3), under a dead ``force`` at its origin; or ``held`` there.
 
-    ``moment`` is one that keeps its direction, which has no potential.
+    ``moment`` is one that keeps its direction, which has no potential; ``slide`` a direction in which what is held is free.
     """
 
     def __init__(self, legs: list[Leg], position: np.ndarray, turn: np.ndarray, force: np.ndarray, held: bool = False) -> None:
+        self.slide: np.ndarray | None = None
         self.legs, self.position, self.turn, self.force, self.held = legs, position, turn, force, held
         self.moment = np.zeros(3)
         self.first = np.cumsum([0] + [leg.size for leg in legs])
@@ -134,6 +144,9 @@ class LegEnergy:
                 ids = first + variables[k, kept]
                 gradient[ids] += slope[k, kept]
                 H[np.ix_(ids, ids)] += second[k][np.ix_(kept, kept)]
+            points, stretched = leg.frames[..., 2], 1 + leg.stretch
+            gradient[first : first + 3 * N] -= (stretched[1:, None] * np.cross(points[1:], leg.load[1:])).ravel()
+            gradient[first + 3 * (N - 1) : first + 3 * N] -= leg.moment
             arm = self.turn @ leg.attachment[:3, 3]
             J = np.zeros((3, n))
             weight = leg.weight * (1 + leg.stretch)
@@ -141,7 +154,7 @@ class LegEnergy:
             own = first + 3 * N + np.arange(N + 1)
             if leg.axial is not None:
                 J[:, own] = (leg.weight[:, None] * leg.frames[..., 2]).T
-                gradient[own] = leg.axial * leg.weight * leg.stretch
+                gradient[own] = leg.axial * leg.weight * leg.stretch - (leg.load * points).sum(axis=1)
                 H[own, own] = leg.axial * leg.weight
             J[:, -6:-3], J[:, -3:] = -np.eye(3), cross_matrix(arm)
             joint = np.zeros((0, n))
@@ -150,26 +163,30 @@ class LegEnergy:
                 _, by, _ = differences(lambda t, leg=leg: leg.gap(self.turn, t), ())
                 joint = np.zeros((len(gap), n))
                 joint[:, -3:], joint[:, first + 3 * (N - 1) : first + 3 * N] = by[:, :3], by[:, 3:]
-            parts.append((leg, first, own, weight, arm))
+            parts.append((leg, first, own, arm))
             rows += [J, joint]
             gaps += [leg.tip() - self.position - arm, gap]
         if self.held:
-            rows.append(np.eye(n)[-6:])
-            gaps.append(np.zeros(6))
+            fixed = np.eye(6) if self.slide is None else np.delete(np.eye(6), 2, axis=0)
+            if self.slide is not None:
+                fixed[:2, :3] = np.linalg.svd(self.slide[None])[2][1:]
+            rows.append(np.pad(fixed, ((0, 0), (n - 6, 0))))
+            gaps.append(np.zeros(len(fixed)))
         C = np.concatenate(rows)
         if self.pull is None:
             self.pull = np.linalg.lstsq(C.T, gradient, rcond=None)[0]
         at = 0
-        for leg, first, own, weight, arm in parts:
+        for leg, first, own, arm in parts:
             N, held = leg.count, len(leg.gap(self.turn, np.zeros(6)))
             pull, twist = self.pull[at : at + 3], self.pull[at + 3 : at + 3 + held]
             at += 3 + held
-            bends = turned_twice(np.broadcast_to(pull, (N, 3)), leg.frames[1:, :, 2]) * weight[1:, None, None]
+            pulls = pull * leg.weight[:, None] + leg.load
+            bends = turned_twice(pulls[1:], leg.frames[1:, :, 2]) * (1 + leg.stretch[1:, None, None])
             for k in range(N):
                 ids = first + 3 * k + np.arange(3)
                 H[np.ix_(ids, ids)] -= bends[k]
                 if leg.axial is not None:
-                    mixed = leg.weight[k + 1] * np.cross(leg.frames[k + 1, :, 2], pull)
+                    mixed = np.cross(leg.frames[k + 1, :, 2], pulls[k + 1])
                     H[ids, own[k + 1]] -= mixed
                     H[own[k + 1], ids] -= mixed
             H[-3:, -3:] += turned_twice(pull, arm)

@@ -16,7 +16,7 @@ from tube_leg_energy import TubeLeg, TubeOnNodes
 
 import multirod as mr
 
-KINDS = ("rods", "held", "tubes", "legs", "tube legs", "strong tubes")
+KINDS = ("rods", "held", "tubes", "legs", "tube legs", "strong tubes", "heavy rods", "heavy tubes", "loaded held")
 DURATION = 10.0  # [s]
 SEGMENTS = 32
 JOINTS = ("clamped", "spherical", "revolute")
@@ -24,13 +24,15 @@ JOINTS = ("clamped", "spherical", "revolute")
 
 @dataclass
 class Section:
-    """Of one rod or tube: straight for ``straight`` segments, then precurved, until it ends after ``reach``."""
+    """Of one rod or tube: straight for ``straight`` segments, then precurved, until it ends after ``reach``; ``density`` is its
+    mass per length."""
 
     stiffness: np.ndarray
     precurvature: np.ndarray
     straight: int = 0
     reach: int = SEGMENTS
     axial: float | None = None
+    density: float = 0.0
 
     def rod(self, length: float) -> mr.Rod:
         """Of a leg of this length."""
@@ -40,7 +42,8 @@ class Section:
                 axial = {} if self.axial is None else {"axial_stiffness": self.axial}
                 section = {"length": count * part, "precurvature": tuple(bend * self.precurvature)}
                 stiffness = {"bending_stiffness": tuple(self.stiffness[:2]), "torsional_stiffness": self.stiffness[2]}
-                sections.append(mr.Section(**section, **stiffness, **axial))
+                heavy = {"linear_density": self.density} if self.density else {}
+                sections.append(mr.Section(**section, **stiffness, **axial, **heavy))
         return mr.Rod(sections=sections)
 
     def rest(self) -> np.ndarray:
@@ -62,6 +65,7 @@ class Motion:
         axes: Of each leg's joint.
         waves: By the name of an input, amplitudes, rates and phases, each of the input's shape; inputs are 0 at first.
         end: Pose of a held end where its inputs are zero; None if nothing holds it.
+        slide: Direction in which a held end slides, in its holder's frame; None if it does not.
     """
 
     robot: Any
@@ -73,6 +77,7 @@ class Motion:
     axes: np.ndarray
     waves: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
     end: np.ndarray | None = None
+    slide: np.ndarray | None = None
 
     def at(self, time: np.ndarray) -> dict[str, np.ndarray]:
         """Inputs by name, (..., of the input)."""
@@ -117,7 +122,7 @@ class Motion:
     def unloaded_tubes(self, count: int) -> CreepingTubes | None:
         """Tubes on so many segments, whose bases are not turned yet; None of what is not tubes alone without loads."""
         sections, length = self.sections[0], self.length
-        loaded = self.end is not None or len(self.sections) > 1 or self.waves["tip_force"][0].any()
+        loaded = self.end is not None or len(self.sections) > 1 or self.waves["tip_force"][0].any() or "gravity" in self.waves
         if loaded or len(sections) == 1 or any(own.precurvature[1:].any() for own in sections):
             return None
         part = length / SEGMENTS
@@ -149,12 +154,21 @@ class Motion:
                 for place, tube in enumerate(leg.others, number + 1):
                     tube.turned = turned[place] - turned[number]
             leg.__post_init__()
+            density = sum(own.density * (np.arange(SEGMENTS) < own.reach) for own in self.sections[k])
+            along = values.get("distributed_force", np.zeros(3)) + np.multiply.outer(density, values.get("gravity", np.zeros(3)))
+            leg.carry(along * length**3 / EI)
             number += len(self.sections[k])
+        energy.force = values.get("tip_force", np.zeros(3)) * length**2 / EI
         if self.end is not None:
-            energy.position = (self.end[:3, 3] + values["end_position"]) / length
+            goal = (self.end[:3, 3] + values["end_position"]) / length
             energy.turn = rotation(values["end_rotation"]) @ self.end[:3, :3]
-        else:
-            energy.force = values["tip_force"] * length**2 / EI
+            if self.slide is not None:
+                energy.slide = energy.turn @ self.slide
+                goal = goal + energy.slide * (energy.slide @ (energy.position - goal))
+            energy.position = goal
+            if "tip_moment" in values:  # about the axis that the joint leaves: the work of the rest is none
+                axis = energy.turn @ self.axes[0]
+                energy.legs[0].moment = axis * (axis @ values["tip_moment"]) * length / EI
 
 
 @meant()
@@ -162,8 +176,7 @@ def draw(kind: str, number: int, seed: int = 0) -> Motion:
     """One motion of a kind."""
     rng = np.random.default_rng([seed, KINDS.index(kind), number])
     length, EI = log_uniform(rng, 0.05, 0.8), log_uniform(rng, 1e-3, 1)
-    made = {"rods": _rods, "held": _held, "tubes": _tubes, "legs": _legs, "tube legs": _tube_legs, "strong tubes": _strong_tubes}
-    return made[kind](rng, length, EI)
+    return MADE[kind](rng, length, EI)
 
 
 def _wave(rng, amplitude):
@@ -179,9 +192,9 @@ def _plain(rng, EI, bend, length, axial=None):
     return Section(stiffness, bend / length * direction(rng) * (1, 1, 0.4), axial=axial)
 
 
-def _alone(robot, length, sections, waves, end=None):
+def _alone(robot, length, sections, waves, end=None, joint="clamped", axis=(0.0, 0.0, 0.0), slide=None):
     ones = np.eye(4)[None]
-    return Motion(robot, [length], [sections], ones, ones, ["clamped"], np.zeros((1, 3)), waves, end)
+    return Motion(robot, [length], [sections], ones, ones, [joint], np.array([axis]), waves, end, slide)
 
 
 def _rods(rng, length, EI):
@@ -192,14 +205,20 @@ def _rods(rng, length, EI):
     return _alone(mr.SingleRod(section.rod(length)), length, [section], waves)
 
 
-def _held(rng, length, EI):
-    """Rods whose end is moved by up to half of the length and turned by up to 2.5 rad."""
-    section = _plain(rng, EI, rng.uniform(1, 4), length)
+def _end_at_rest(section, length):
+    """Pose of the end of a rod that nothing bends."""
     end, step = np.eye(4), rotation(section.precurvature * length / 4096)
     half = rotation(section.precurvature * length / 8192)
     for _ in range(4096):
         end[:3, 3] += (end[:3, :3] @ half)[:, 2] * length / 4096
         end[:3, :3] = end[:3, :3] @ step
+    return end
+
+
+def _held(rng, length, EI):
+    """Rods whose end is moved by up to half of the length and turned by up to 2.5 rad."""
+    section = _plain(rng, EI, rng.uniform(1, 4), length)
+    end = _end_at_rest(section, length)
     time, chord = np.linspace(0, DURATION, 201), max(0.95 * length, float(np.linalg.norm(end[:3, 3])))
     while True:
         waves = {
@@ -297,3 +316,58 @@ def _legs(rng, length, EI, with_tubes=False):
 def _tube_legs(rng, length, EI):
     """The same, one leg at least of two tubes."""
     return _legs(rng, length, EI, with_tubes=True)
+
+
+def _heavy_rods(rng, length, EI):
+    """Precurved wires that are turned at the base, pulled at the tip and loaded along their length."""
+    section = _plain(rng, EI, rng.uniform(3, 12), length)
+    waves = {
+        "rotation": _wave(rng, [rng.uniform(0, np.pi)]),
+        "tip_force": _wave(rng, rng.uniform(0, 12) * EI / length**2 * rng.uniform(0.3, 1, 3)),
+        "distributed_force": _wave(rng, rng.uniform(10, 60) * EI / length**3 * rng.uniform(0.3, 1, 3)),
+    }
+    return _alone(mr.SingleRod(section.rod(length)), length, [section], waves)
+
+
+def _heavy_tubes(rng, length, EI):
+    """Pairs of curved tubes, turned in each other and pulled, each with its own weight in a field that turns."""
+    sections = _sleeved(rng, length, EI, rng.uniform(0.5, 3.5))
+    for section in sections:
+        section.density = log_uniform(rng, 0.01, 0.1)
+    pull = rng.uniform(2, 15) * EI / length**3 / sum(section.density for section in sections)
+    waves = {
+        "rotation": _wave(rng, [rng.uniform(1, 2 * np.pi), rng.uniform(0, 1)]),
+        "tip_force": _wave(rng, rng.uniform(0, 4) * EI / length**2 * direction(rng)),
+        "gravity": _wave(rng, pull * rng.uniform(0.3, 1, 3)),
+    }
+    return _alone(mr.ConcentricTubes([section.rod(length) for section in sections]), length, sections, waves)
+
+
+def _loaded_held(rng, length, EI):
+    """Held rods under loads along them, clamped or on a hinge with a moment about it, half of them on a slide with a force along
+    it, whose ends are moved less far."""
+    section = _plain(rng, EI, rng.uniform(1, 4), length)
+    end = _end_at_rest(section, length)
+    axis, slide = direction(rng), direction(rng) if rng.random() < 0.5 else None
+    joint = str(rng.choice(("clamped", "revolute")))
+    time, chord = np.linspace(0, DURATION, 201), max(0.95 * length, float(np.linalg.norm(end[:3, 3])))
+    while True:
+        waves = {
+            "end_position": _wave(rng, 0.3 * length * rng.uniform(0, 1) * direction(rng)),
+            "end_rotation": _wave(rng, rng.uniform(0, 2) * direction(rng)),
+            "distributed_force": _wave(rng, rng.uniform(2, 60) * EI / length**3 * rng.uniform(0.3, 1, 3)),
+        }
+        if slide is not None:
+            waves["tip_force"] = _wave(rng, rng.uniform(0, 20) * EI / length**2 * direction(rng))
+        if joint == "revolute":
+            waves["tip_moment"] = _wave(rng, rng.uniform(0, 6) * EI / length * direction(rng))
+        hinge = {"joint": joint, **({} if joint == "clamped" else {"joint_axis": tuple(axis)})}
+        guide = {} if slide is None else {"slide": tuple(slide)}
+        robot = mr.HeldRod(section.rod(length), end=end, **hinge, **guide)
+        motion = _alone(robot, length, [section], waves, end, joint, axis, slide)
+        if (np.linalg.norm(end[:3, 3] + motion.at(time)["end_position"], axis=1) <= chord).all():
+            return motion
+
+
+_ALL = (_rods, _held, _tubes, _legs, _tube_legs, _strong_tubes, _heavy_rods, _heavy_tubes, _loaded_held)
+MADE = dict(zip(KINDS, _ALL, strict=True))

@@ -1,6 +1,8 @@
 """The witnesses of branches agree with each other, robots on segments that creep and the energy of tubes by strains, and the
 package with them."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from discrete_energy import DiscreteEnergy, Tube
@@ -51,6 +53,37 @@ def test_a_leg_creeps_to_where_a_rod_does():
         assert energy.creep()
         np.testing.assert_allclose(energy.position, rods.tip[0], rtol=0, atol=1e-4)
     assert energy.lowest() > 0
+
+
+@pytest.mark.parametrize("axial", [None, 50.0], ids=["stiff", "stretches"])
+def test_loads_along_a_leg_are_slopes_of_its_energy(axial):
+    """By differences, whose error is 1e-10 and 1e-6 of them; and the work is that of the forces on the way of the nodes."""
+    rng, count, step = np.random.default_rng(0), 6, 1e-4
+    stretch = np.zeros(count + 1) if axial is None else 0.1 * rng.standard_normal(count + 1)
+    own = frames(0.3 * rng.standard_normal((count, 3))), stretch
+    stiffness, force = np.array([1, 1.5, 0.8]), rng.standard_normal((count, 3))
+    leg = Leg(1.1, stiffness, axial, np.array([0.5, 0.2, 0.1]), np.eye(4), np.eye(4), "clamped", np.zeros(3), *own)
+    leg.carry(force)
+
+    def energy(move):
+        moved = deepcopy(leg)
+        moved.move(move)
+        tangents = moved.frames[..., 2] * (1 + moved.stretch)[:, None]
+        places = np.cumsum(np.append(np.zeros((1, 3)), 0.5 * leg.h * (tangents[1:] + tangents[:-1]), axis=0), axis=0)
+        work = 0.5 * leg.h * (force * (places[1:] + places[:-1])).sum()
+        stretched = 0.0 if axial is None else 0.5 * axial * (leg.weight * moved.stretch**2).sum()
+        assert (leg.load * tangents).sum() == pytest.approx(work, rel=1e-12)
+        return moved.bent(np.zeros((count, 6))).sum() + stretched - work
+
+    whole = clamped(leg, np.zeros(3))
+    whole.pull = np.zeros(len(whole.system()[1]))
+    gradient, _, _, H = whole.system()
+    slopes = [(energy(step * way) - energy(-step * way)) / (2 * step) for way in np.eye(leg.size)]
+    np.testing.assert_allclose(gradient[: leg.size], slopes, rtol=0, atol=1e-6)
+    for _ in range(3):
+        way, far = rng.standard_normal(leg.size), 1e-3
+        second = (energy(far * way) + energy(-far * way) - 2 * energy(0 * way)) / far**2
+        assert way @ H[: leg.size, : leg.size] @ way == pytest.approx(second, rel=1e-5)
 
 
 @pytest.mark.parametrize(
