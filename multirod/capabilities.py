@@ -147,6 +147,12 @@ class Parts(ABC):
         return False
 
     @property
+    def loads_alone(self) -> "NDArray[np.bool_] | bool":
+        """Of which instances nothing but loads is raised on the path from ``guess``, though these may have several equilibria
+        without any, shape (instance_count,): where that ends is followed. None by default."""
+        return False
+
+    @property
     def all_clamped(self) -> bool:
         """Whether it clamps all rods so: those that it leaves out may have modes of their own."""
         return self.may_be_clamped

@@ -43,11 +43,11 @@ class Shooting(Solver):
             the residual, come on top.
         fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch.
         at_fold: What is done where a branch ends: ``"follow"`` goes where a robot would whose loads are raised slowly, to the
-            status ``BIFURCATED`` or ``SNAPPED``, or in a ``solve`` of tubes to ``LOWEST_ENERGY`` (``docs/branches.md``);
+            status ``BIFURCATED`` or ``SNAPPED``, or in a ``solve`` of curved tubes to ``LOWEST_ENERGY`` (``docs/branches.md``);
             ``"stop"`` ends there, with the status ``BRANCH_END``, and no other equilibrium is looked for.
         side: To which side it goes at a bifurcation: ``"positive"``, where the tip moves along a positive axis of the world, or
-            ``"negative"``, to its twin. Of a held rod that does not stretch, whose ends are pushed together, it is its middle
-            that moves so (``docs/held.md``).
+            ``"negative"``, to its twin; of tubes beyond a snap, which of two mirror images. Of a held rod that does not stretch,
+            whose ends are pushed together, it is its middle that moves so (``docs/held.md``).
 
     Raises:
         ValueError: If a field is out of range.

@@ -460,3 +460,42 @@ def test_motions_in_small_steps_past_such_a_bifurcation_are_stable_or_say_so(thr
     assert any(motion.events)
     assert not (~motion.failed & (motion.stability == mr.Stability.UNSTABLE)).any()
     assert motion.failed.sum() <= 2
+
+
+@pytest.mark.parametrize("wide", [1.0, 1.5], ids=["round", "flat"])
+def test_straight_tubes_buckle_as_the_rod_that_they_are_together(wide):
+    """Solved at once, with its events and to its side; up to its load they stand, beyond they were ``LOWEST_ENERGY`` or lost."""
+    soft = [0.02, 0.03, 0.05]
+    tubes = [mr.Rod(length=LENGTH, bending_stiffness=(wide * EI, EI), torsional_stiffness=0.7 * EI) for EI in soft]
+    together = mr.Rod(length=LENGTH, bending_stiffness=(wide * sum(soft), sum(soft)), torsional_stiffness=0.7 * sum(soft))
+    loads = np.array([0.999, 0.9999, 1.001, 1.1, 3.0])
+    force = -loads[:, None] * np.pi**2 / 4 * sum(soft) / LENGTH**2 * (0, 0, 1)
+    for side in ("positive", "negative"):
+        several, one = (
+            mr.solve(robot, robot.inputs(tip_force=force), solver=mr.Shooting(side=side)).raise_if_failed()
+            for robot in (mr.ConcentricTubes(tubes), mr.SingleRod(together))
+        )
+        assert several.status.tolist() == one.status.tolist() == [mr.Status.CONVERGED] * 2 + [mr.Status.BIFURCATED] * 3
+        np.testing.assert_allclose(several.tip_position, one.tip_position, rtol=0, atol=1e-6 * LENGTH)  # of RK45(): 1e-7
+        assert (several.stability == one.stability).all()
+        assert (several.integrations < 300).all()
+        for own, other in zip(several.events[2:], one.events[2:], strict=True):
+            assert own[0].load_factor == pytest.approx(other[0].load_factor, rel=1e-5)
+            np.testing.assert_allclose(own[0].tip_displacement, other[0].tip_displacement, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("more", [0.0, 1e-3, 0.1])
+def test_of_mirror_images_a_solve_of_tubes_gives_the_side_of_the_rule(more):
+    """Equal states beyond two snaps, to either side: which of them it is does not depend on which was found first."""
+    tubes = [
+        mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(9 + more, 0, 0)),
+        mr.Rod(length=0.25, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(8, 0, 0)),
+    ]
+    robot = mr.ConcentricTubes(tubes)
+    tip = {}
+    for side in ("positive", "negative"):
+        found = mr.solve(robot, robot.inputs(rotation=(0, 5 * np.pi)), solver=mr.Shooting(side=side)).raise_if_failed()
+        assert found.status == mr.Status.LOWEST_ENERGY
+        tip[side] = found.tip_position
+    assert tip["positive"][0] > 0.01
+    np.testing.assert_allclose(tip["negative"], tip["positive"] * (-1, 1, 1), rtol=0, atol=1e-6)

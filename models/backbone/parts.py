@@ -38,6 +38,11 @@ class BackboneParts(Parts):
         return int(self.may_be_clamped or self._several_may_be)
 
     @property
+    def loads_alone(self) -> NDArray[np.bool_]:
+        """As said: of straight tubes."""
+        return self._straight()
+
+    @property
     def _several_may_be(self) -> bool:
         """Whether rods that turn against a frame can be clamped: not by lines of given length, nor where nothing is told of
         stability."""
@@ -71,10 +76,8 @@ class BackboneParts(Parts):
         return np.where(self._straight(), np.maximum(STEPS, waves), 0)
 
     def _straight(self) -> NDArray[np.bool_]:
-        """Which instances are single rods that are straight at rest, shape (instance_count,)."""
+        """Which instances are rods that are all straight at rest, shape (instance_count,)."""
         problem, precurvature = self.problem, self.problem.arrays.precurvature
-        if len(problem.rods) > 1:
-            return np.zeros(problem.instance_count, dtype=bool)
         straight = ~precurvature.any(axis=tuple(range(1, precurvature.ndim)))
         return np.broadcast_to(straight, problem.instance_count)
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.held.costless import AXIS
-from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
+from multirod.models.held.costless import AXIS, acting, force_along, on_axis
+from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
 from multirod.rotations import cross, matrices
 from multirod.validation import FloatArray
 
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 FIRST = 0.1  # part of a direction, that its first of x, y, z is at least, which tells its sign
 ALONG = 0.99  # cosine of the angle between axes that are taken for one
+# of the length, and of how far its middle moves, the end may stand beside the axis, turned across it by as much [rad]
+BESIDE, BESIDE_BEND = 1e-2, 0.1
+SLIGHT = 1e-3  # of EI/L: torques about the axis by which the rest of it then draws a rod to a side
+ROUND = 10.0  # times the part of the shortening by which the end beside it tells the plane alone
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,37 @@ def hinge_of(problem: "HeldProblem") -> FloatArray | None:
         return None
     across = axes[0] * [1.0, 1.0, 0.0]
     return np.asarray(across / np.linalg.norm(across))
+
+
+def drawn_beside(problem: "HeldProblem") -> FloatArray:
+    """(32) Where a round rod bends whose end is to be a little beside the axis of its base, or turned across it by as little, in
+    the frame of the base, unit vectors (instance_count, 3); zero of all others."""
+    holders, length = problem.holders, problem.length_in_use()[:, None]
+    place, frame = problem.goal()
+    away = np.einsum("bji,bj->bi", problem.base_frame, place - problem.rod.table.base_position.numpy()) / length
+    tangent = np.einsum("bji,bj->bi", problem.base_frame, frame[:, :, 2])
+    offset, tilt, force = (
+        own * [1.0, 1.0, 0.0] for own in (away, tangent, np.einsum("bji,bj->bi", problem.base_frame, force_along(problem)))
+    )
+    short = np.clip(1 - np.linalg.norm(away, axis=1), 0.0, None)[:, None]
+    root, size = np.sqrt(short), np.linalg.norm(offset, axis=1)[:, None]
+    ball = holders.joint == SPHERICAL
+    force *= (problem.length**2 / problem.stiffness)[:, None]
+    pull = root * (force / np.pi - (HINGED * -np.sin(ROOT) * offset if ball else 4 * np.pi * tilt))
+    drive = np.linalg.norm(pull, axis=1)[:, None]
+    moment, _, torque, _, field = acting(problem).T
+    told = torque | field | (moment & (holders.joint != CLAMPED))
+    near = (size < np.minimum(BESIDE, BESIDE_BEND * root)) & (np.linalg.norm(tilt, axis=1)[:, None] < BESIDE) & (drive < SLIGHT)
+    near &= (size > 0) | tilt.any(axis=1)[:, None]
+    chosen = near[:, 0] & problem.alike & ~told & (tangent[:, 2] > 0) & (holders.slide is None) & ~on_axis(problem)
+    stiffness = problem.rod.each(problem.rod.arrays.material[:, 0, :, :3].mean(axis=1))
+    softer = (stiffness[:, 2] <= stiffness[:, 0])[:, None]
+    plane = np.where(softer, cross(AXIS, offset), offset) / np.where(size > 0, size, 1.0)
+    along = (pull * plane).sum(axis=1)[:, None]
+    sided = cross(to_side(problem, cross(AXIS, plane)), AXIS)
+    plane = np.where(along != 0, np.sign(along) * plane, sided)
+    way = np.where(ball | (drive > ROUND * short * size**2), pull / np.where(drive > 0, drive, 1.0), plane)
+    return np.asarray(np.where(chosen[:, None], way, 0.0))
 
 
 def to_side(problem: "HeldProblem", axis: FloatArray) -> FloatArray:

@@ -3,6 +3,8 @@
 Numbers in parentheses are those of ``docs/held.md``.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +14,7 @@ from multirod.batch import IntArray
 from multirod.models.held.kernels.arguments import (
     ALONG,
     BALL_AND_CLAMP,
+    BESIDE,
     IN_BALLS,
     ON_AXIS,
     ROUND_IN_BALLS,
@@ -112,7 +115,7 @@ def between_balls(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np
 def from_clamp(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(28) Whether a round rod is from a ball to a clamp on its axis; whether nothing acts along it besides: a moment on an end
     that is clamped does no work. Shapes (instance_count,)."""
-    there = (problem.table.balls.numpy() == BALL_AND_CLAMP) & _on_axis(problem)
+    there = (problem.table.balls.numpy() == BALL_AND_CLAMP) & on_axis(problem)
     return there, there & ~acting(problem)[:, 1:].any(axis=1)
 
 
@@ -135,7 +138,7 @@ def _mass(problem: "HeldProblem") -> FloatArray:
     return np.asarray(problem.rod.each((parts * arrays.material[:, 0, :, 9]).sum(axis=1)))
 
 
-def _on_axis(problem: "HeldProblem") -> NDArray[np.bool_]:
+def on_axis(problem: "HeldProblem") -> NDArray[np.bool_]:
     """(10) Whether the end is to be held on the axis of the base and along it, shape (instance_count,)."""
     away, frame = problem.goal()
     away = away - problem.rod.table.base_position.numpy()
@@ -148,11 +151,22 @@ def drawn_aside(problem: "HeldProblem") -> FloatArray:
     """(31) Forces across the axis of the base that alone tell in which plane a round rod bends, in the frame of the base, in
     ``EI/L^2``, shape (instance_count, 3): zero where moments act, or something else tells."""
     moment, pushed, torque, heavy, field = acting(problem).T
-    round_one = (problem.alike | (problem.table.balls.numpy() == BALL_AND_CLAMP)) & _on_axis(problem)
+    round_one = (problem.alike | (problem.table.balls.numpy() == BALL_AND_CLAMP)) & on_axis(problem)
     told = torque | field | (moment & (problem.holders.joint != CLAMPED))
     force = np.einsum("bji,bj->bi", problem.base_frame, force_along(problem)) * [1.0, 1.0, 0.0]
     chosen = round_one & ~told & (pushed | heavy)
     return np.asarray(np.where(chosen[:, None], force * (problem.length**2 / problem.stiffness)[:, None], 0.0))
+
+
+@contextmanager
+def led_on(problem: "HeldProblem") -> Iterator[None]:
+    """``BoundaryProblem.led_on``"""
+    beside, problem.leads_on = problem.table.beside, True
+    try:
+        yield
+    finally:
+        problem.leads_on = False
+        beside.assign(np.minimum(beside.numpy(), BESIDE))
 
 
 def turned_to(axis: FloatArray, other: FloatArray) -> FloatArray:
@@ -193,6 +207,8 @@ def hold_base(problem: "HeldProblem", turn: FloatArray, axis: FloatArray, chosen
 
 def hold_bases_alone(problem: "HeldProblem") -> None:
     """(29) As they are turned that point to their ends, for what begins from a guess."""
+    if not problem.table.balls.numpy().any():
+        return
     axis = problem.goal()[0] - problem.rod.table.base_position.numpy()
     axis = np.einsum("bji,bj->bi", problem.base_frame, axis)
     size = np.linalg.norm(axis, axis=1, keepdims=True)

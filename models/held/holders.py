@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from multirod.models.backbone.inputs import BACKBONE_INPUTS
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.held.problem import HeldProblem
 
 ROD_INPUTS = tuple(spec for spec in BACKBONE_INPUTS if spec.acts in ("base", "along"))  # what acts on the rod itself
 TIP_LOADS = ("tip_force", "tip_moment")
@@ -116,6 +119,21 @@ class Holders:
         if self.joint == SPHERICAL:
             return np.zeros((3, 0))
         return _across(self.axis) if self.joint == REVOLUTE else np.eye(3)
+
+
+def load_scale(problem: "HeldProblem") -> FloatArray:
+    """What acts on the rod, and how far its end is moved: a turn is a moment in ``EI/L``."""
+    inputs, table, rod = problem.read("inputs"), problem.table, problem.rod
+    own = np.delete(inputs, range(table.pose, table.pose + POSE_SIZE), axis=1)
+    own[:, table.tip_loads : table.along] = 0.0
+    rod.write("inputs", own)
+    stiffness = rod.each(rod.arrays.material[:, 0, :, :3].min(axis=(1, 2)))
+    total = rod.load_scale() + problem.turning_angle()
+    moved = np.linalg.norm(problem.goal()[0] - table.rest_position.numpy(), axis=1)
+    total += 12 * moved / problem.length
+    for name, power in zip(TIP_LOADS, (2, 1), strict=True):
+        total += np.linalg.norm(inputs[:, problem.input_slice(name)], axis=1) * problem.length**power / stiffness
+    return np.asarray(total)
 
 
 def _across(axis: FloatArray) -> FloatArray:

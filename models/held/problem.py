@@ -1,6 +1,7 @@
 """A rod that is held at both ends: the boundary problem, its buffers and launches."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from functools import cached_property
 from typing import Any
 
@@ -20,8 +21,9 @@ from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.held.along import HeldSensing, Launches, columns_along, unknown_rates
 from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, HeldStarts, Reach
 from multirod.models.held.clamps import HeldClamps
-from multirod.models.held.costless import alike, free_in_balls, hold_bases_alone
-from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, HeldOptions, Holders
+from multirod.models.held.costless import alike, free_in_balls, hold_bases_alone, led_on
+from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, HeldOptions, Holders, load_scale
+from multirod.models.held.kernels.arguments import BESIDE, LED_ON
 from multirod.models.held.kernels.base_kernels import hand_over
 from multirod.models.held.kernels.holding_kernels import hold
 from multirod.models.held.segments import HeldBackbone, HeldSegments
@@ -43,6 +45,7 @@ class HeldProblem(BoundaryProblem):
     """
 
     guess_integrations: IntArray | int = INTEGRATIONS_AT_REST
+    leads_on = False
 
     def __init__(
         self,
@@ -94,8 +97,7 @@ class HeldProblem(BoundaryProblem):
         self.table = make_table(self, pieces)
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
-        if self.table.balls.numpy().any():
-            hold_bases_alone(self)
+        hold_bases_alone(self)
 
     def _make_rod(
         self,
@@ -230,13 +232,12 @@ class HeldProblem(BoundaryProblem):
         self.rod._clear()
         self.inputs_given, self._natural, self._begun = inputs, None, None
         self.write("inputs", self.pack(inputs))
-        if self.table.balls.numpy().any():
-            hold_bases_alone(self)
+        hold_bases_alone(self)
         return True
 
     def _zeros(self) -> list[Array]:
-        own = [self.table.opening, self.table.direct, self.table.neutral, self.table.leading, self.table.drawn]
-        return [*super()._zeros(), *own]
+        own = ("opening", "direct", "neutral", "leading", "drawn", "beside")
+        return [*super()._zeros(), *(getattr(self.table, name) for name in own)]
 
     def takes(self, name: str) -> bool:  # noqa: D102
         return name in (*POSE_INPUTS, *TIP_LOADS) or self.rod.takes(name)
@@ -301,6 +302,7 @@ class HeldProblem(BoundaryProblem):
         begun = self._begun[1]
         self.guess_integrations, self.passed = begun.integrations, begun.passed
         self.table.opening.assign(begun.residual)
+        self.table.beside.assign(begun.beside * (LED_ON if self.leads_on else BESIDE))
         self._natural = np.minimum(1.0, begun.least)
         return np.array(begun.unknowns)
 
@@ -354,6 +356,13 @@ class HeldProblem(BoundaryProblem):
         """(10) As the last evaluation found it, shape (instance_count,)."""
         return np.asarray(self.table.neutral.numpy() != 0)
 
+    def led_on(self) -> AbstractContextManager[None]:  # noqa: D102
+        return led_on(self)
+
+    @property
+    def led(self) -> NDArray[np.bool_]:  # noqa: D102
+        return np.asarray(self.table.beside.numpy() != 0)
+
     def turning_angle(self) -> FloatArray:
         """How far the ends are turned against each other on the way from rest, at most [rad], shape (instance_count,)."""
         self.know_rest()
@@ -385,16 +394,5 @@ class HeldProblem(BoundaryProblem):
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         return np.maximum(self.rod.curvature_scale(), self.turning_angle() / self.length)
 
-    def load_scale(self) -> FloatArray:
-        """What acts on the rod, and how far its end is moved: a turn is a moment in ``EI/L``."""
-        inputs = self.read("inputs")
-        own = np.delete(inputs, range(self.table.pose, self.table.pose + POSE_SIZE), axis=1)
-        own[:, self.table.tip_loads : self.table.along] = 0.0
-        self.rod.write("inputs", own)
-        stiffness = self.rod.each(self.rod.arrays.material[:, 0, :, :3].min(axis=(1, 2)))
-        total = self.rod.load_scale() + self.turning_angle()
-        moved = np.linalg.norm(self.goal()[0] - self.table.rest_position.numpy(), axis=1)
-        total += 12 * moved / self.length
-        for name, power in zip(TIP_LOADS, (2, 1), strict=True):
-            total += np.linalg.norm(inputs[:, self.input_slice(name)], axis=1) * self.length**power / stiffness
-        return np.asarray(total)
+    def load_scale(self) -> FloatArray:  # noqa: D102
+        return load_scale(self)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.models.backbone.kernels.loads.foundation import Foundation, RisingFoundation
-from multirod.models.held.buckling import MODES, buckled, hinge_of, thrust_of, to_side
+from multirod.models.held.buckling import MODES, buckled, drawn_beside, hinge_of, thrust_of, to_side
 from multirod.models.held.costless import (
     AXIS,
     between_balls,
@@ -22,7 +22,7 @@ from multirod.models.held.costless import (
     straight_at_rest,
     turned_to,
 )
-from multirod.models.held.kernels.arguments import ACROSS, BALL_AND_CLAMP, IN_BALLS
+from multirod.models.held.kernels.arguments import ACROSS, BALL_AND_CLAMP, BESIDE, IN_BALLS
 from multirod.results.events import BranchEvent
 from multirod.rotations import cross, matrices, vectors
 from multirod.status import Status
@@ -60,6 +60,7 @@ class Begun:
         least: Least singular value of ``Gamma`` there, shape (instance_count,).
         integrations: That it took, shape (instance_count,).
         passed: By instance, where it buckles that begins beyond.
+        beside: (32) Whether it is led to an end beside the axis of its base, 0 or 1, shape (instance_count,).
     """
 
     unknowns: FloatArray
@@ -67,6 +68,7 @@ class Begun:
     least: FloatArray
     integrations: IntArray
     passed: dict[int, BranchEvent]
+    beside: IntArray
 
 
 @dataclass(frozen=True)
@@ -106,10 +108,11 @@ def begun_without_medium(holders: "Holders") -> "RodArrays":
 def begin(problem: "HeldProblem") -> Begun:
     """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent."""
     x = np.zeros((problem.instance_count, problem.unknown_count))
-    buckled, weighed = np.zeros((2, problem.instance_count), dtype=bool)
+    buckled, weighed, beside = np.zeros((3, problem.instance_count), dtype=bool)
     turned = np.zeros(problem.instance_count, dtype=np.intp)
     passed: dict[int, BranchEvent] = {}
-    problem.table.opening.zero_(), problem.table.direct.zero_()
+    for array in (problem.table.opening, problem.table.direct, problem.table.beside):
+        array.zero_()
     with problem.everyone(), problem.at_load(0.0):
         problem.evaluate(x)
         position, rotation = problem.rod.read("position"), problem.rod.read("rotation").reshape(-1, 3, 3)
@@ -125,17 +128,19 @@ def begin(problem: "HeldProblem") -> Begun:
         least = _least_singular_value(gamma)
         stuck = ~(least > REGULAR) & ~_stays(problem, position, rotation) & ~led
         if stuck.any() or problem.rod.features.shear:
-            aside = np.where(led[:, None], 0.0, drawn_aside(problem))
+            by_place = np.where(led[:, None], 0.0, drawn_beside(problem))
+            aside = np.where(led[:, None], 0.0, drawn_aside(problem)) + by_place
             start = bent_rods(problem, x, aside)
             far = start.twofold & _pushed_far(problem, start.end) & ~stuck & ~led
-            passed = _passed(problem, start, far & ~loaded(problem))
+            passed = _passed(problem, start, far & ~loaded(problem) & ~by_place.any(axis=1))
             stuck |= far
         if stuck.any():
             x = np.where(stuck[:, None], start.unknowns, x)
             problem.table.direct.assign((stuck & start.direct).astype(np.int32))
             begins = stuck & start.buckled
-            drawn = begins & aside.any(axis=1)
+            drawn, beside = begins & aside.any(axis=1), begins & by_place.any(axis=1)
             _draw(problem, aside, drawn, x)
+            problem.table.beside.assign(beside.astype(np.int32) * BESIDE)
             buckled |= begins
             problem.table.rest_position.assign(np.where(begins[:, None], start.end, position))
             residual, gamma = problem.evaluate(x)
@@ -146,7 +151,7 @@ def begin(problem: "HeldProblem") -> Begun:
                 x, residual, gamma = _lower(problem, x, start, weighed)
             least = _least_singular_value(gamma)
     integrations = INTEGRATIONS_AT_REST + turned + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed
-    return Begun(x, residual, least, integrations, passed)
+    return Begun(x, residual, least, integrations, passed, beside.astype(np.int32))
 
 
 def _draw(problem: "HeldProblem", aside: FloatArray, drawn: NDArray[np.bool_], unknowns: FloatArray) -> None:
@@ -366,8 +371,8 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray, aside: FloatArray) -
     buckles = (neutral & ~direct) | uneven | (hinge is not None) | (free_in_balls(problem) > IN_BALLS)[:, None]
     base = np.broadcast_to(problem.rod.table.base_position.numpy(), axis.shape)
     short = 1 - np.linalg.norm(problem.goal()[0] - base, axis=1)[:, None] / length
-    short = np.clip(short, np.where(turned & ~neutral, TURNED, 0.0), MOST)
     pull = np.linalg.norm(aside, axis=1)[:, None]
+    short = np.clip(short, np.where(turned & ~neutral & (pull == 0), TURNED, 0.0), MOST)
     drawn = (pull > 0) & (short > BUCKLED)
     buckles = buckles | drawn
     beside = np.stack([axis[:, 1], -axis[:, 0], axis[:, 2]], axis=1)

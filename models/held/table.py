@@ -52,6 +52,7 @@ def make_table(problem: "HeldProblem", pieces: int) -> Struct:
     held.least = array(least_loads(problem), wp.float64)
     held.leading = wp.zeros(count, dtype=wp.float64, device=device)
     held.drawn = wp.zeros(count, dtype=wp.vec3d, device=device)
+    held.beside = wp.zeros(count, dtype=wp.int32, device=device)
     held.ways = wp.zeros((count, 2), dtype=wp.vec3d, device=device)
     held.held_at = wp.zeros((count, 2), dtype=wp.float64, device=device)
     held.base_position, held.base_rotation = rod.table.base_position, rod.table.base_rotation

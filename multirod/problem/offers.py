@@ -1,6 +1,7 @@
 """What only some boundary problems offer, and what is assumed of those that do not."""
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -122,6 +123,16 @@ class Offers(Buffers):
         """Which turns of each instance cost nothing at the inputs, told apart by numbers, shape (instance_count,); None where
         none ever does. Where they differ an equilibrium is one of many that are alike, and no branch leads on from it."""
         return None
+
+    @property
+    def led(self) -> NDArray[np.bool_]:
+        """Which instances are held, on the path from where ``guess`` begins, against a turn that costs next to nothing, shape
+        (instance_count,)."""
+        return np.zeros(self.instance_count, dtype=bool)
+
+    def led_on(self) -> AbstractContextManager[None]:
+        """Within it, paths from where ``guess`` begins hold these where the load factor is 1, too; elsewhere they do not."""
+        return nullcontext()
 
     def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:
         """Whether unknowns (instance_count, n) are those of a rod that is ``taut``: as a guess they lead nowhere. Shape

@@ -35,7 +35,8 @@ def natural_branch(
     if short is None or left.any():
         paths = Paths.of(problem, newton, max_steps)
         paths.handed = handed
-        outcome = paths.raise_loads(left, bounds)
+        with problem.led_on():
+            outcome = paths.raise_loads(left, bounds)
         if short is not None:
             outcome.iterations += short.iterations
             outcome.integrations += short.integrations
@@ -63,6 +64,20 @@ def natural_branch(
             if at_rest.any():
                 outcome.status[at_rest & problem.is_loose()] = Status.LOOSE
     return outcome
+
+
+def let_go(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: BoolArray) -> BoolArray:
+    """Let go of what the natural branch was ``led`` along; which instances are not at rest then, shape (instance_count,), and in
+    a valley: their status is ``BRANCH_END``."""
+    led = chosen & problem.led & ~failures(outcome.status)
+    if not led.any():
+        return led
+    with problem.only(led):
+        problem.integrate()
+    outcome.integrations += led
+    off = led & ~(np.abs(problem.read("residual")).max(axis=1) <= newton.tolerance())
+    outcome.status[off] = Status.BRANCH_END
+    return np.asarray(off)
 
 
 def _short_cut(problem: BoundaryProblem, newton: Newton, chosen: BoolArray, bounds: FloatArray) -> Outcome | None:
@@ -107,6 +122,8 @@ def _leave_unstable(
     unstable = np.flatnonzero(again.status == CONVERGED)
     again.status[unstable[_unstable(part, unstable)]] = Status.BRANCH_END
     outcome.status[places] = again.status
+    if outcome.reached is not None and again.reached is not None:
+        outcome.reached[places] = again.reached
     outcome.iterations[places] += again.iterations
     outcome.integrations[places] += again.integrations + 1
     problem.keep(part, places)

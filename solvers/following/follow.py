@@ -43,6 +43,7 @@ def follow(
     max_steps: int,
     side: int,
     before: FloatArray | None = None,
+    slack: NDArray[np.bool_] | None = None,
 ) -> dict[int, Journey]:
     """Let the ``chosen`` instances go on from where their branches ended, or down from what is unstable at the end of its way;
     what comes to that end is put into the problem's buffers and the outcome.
@@ -58,6 +59,7 @@ def follow(
         max_steps: Steps along a branch.
         side: 1, or -1 for the other one at each bifurcation.
         before: Inputs where the way begins, shape (instance_count, input_count); without them it is the loads that are raised.
+        slack: Which are at the end of the way, but in a valley and not at rest, shape (instance_count,).
 
     Returns:
         By instance, those that rounding keeps from going on.
@@ -67,9 +69,12 @@ def follow(
     if parts is None or stability is None:
         return lost
     if stability.multistable and before is None and problem.joints is None and not parts.may_be_clamped:
-        return lost
+        chosen = chosen & parts.loads_alone
+        if not chosen.any():
+            return lost
     potential = stability.has_potential
-    chosen = chosen & ((reached < 1) | (potential & (outcome.status == Status.UNSTABLE)))
+    slack = np.zeros(problem.instance_count, dtype=bool) if slack is None else slack & potential & (reached == 1)
+    chosen = chosen & ((reached < 1) | slack | (potential & (outcome.status == Status.UNSTABLE)))
     segmented = bool(chosen.any()) and problem.segments is not None
     singular = SINGULAR * problem.natural_singular_value if segmented else np.full(problem.instance_count, np.inf)
 
@@ -104,6 +109,7 @@ def follow(
                 bool(potential[place]),
                 steps,
                 len(clamped),
+                slack=bool(slack[place]),
             )
             for k, place in enumerate(own)
         ]

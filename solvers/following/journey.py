@@ -60,7 +60,7 @@ class Journey(Walk):
     def _run(self) -> Run:
         point = yield from self._at(self.start, self.level)
         if self.level == 1:
-            yield from self._fall(point)
+            yield from (self._let_go(point) if self.slack else self._fall(point))
             return
         soft = _nearly_neutral(point)
         found = yield from self._balanced(point, soft)

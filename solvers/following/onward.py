@@ -34,6 +34,7 @@ def go_on(
     *,
     before: FloatArray | None = None,
     left: IntArray | None = None,
+    slack: BoolArray | None = None,
 ) -> None:
     """Let the instances ``lost`` go on from where their branches ended; what is not followed stays as it is.
 
@@ -47,6 +48,7 @@ def go_on(
         unknowns: Where it ended [1/m], shape (instance_count, n).
         before: Inputs where the way begins, shape (instance_count, input_count); without them it is the loads that are raised.
         left: Integrations that each may take, shape (instance_count,); by default what ``options`` leave.
+        slack: Which are at the end of the way, but in a valley and not at rest, shape (instance_count,); none by default.
     """
     if options.at_fold == "stop" or not lost.any():
         return
@@ -62,6 +64,7 @@ def go_on(
         max_steps=options.max_continuation_steps,
         side=options.sign,
         before=before,
+        slack=slack,
     )
     if options.fallback and before is None:
         ends = {k: (own.lost.unknowns, own.lost.level, own.steps) for k, own in noisy.items() if own.lost is not None}

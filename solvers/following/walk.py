@@ -60,6 +60,7 @@ class Walk:
         singular: Its least singular value, beyond which no mode vanishes where one ends.
         steps: Equal steps of its integrations from base to tip; 0 by step control.
         clampings: In how many ways its rods can be clamped.
+        slack: Whether it is at the end of the way, but in a valley and not at rest.
     """
 
     start: FloatArray
@@ -79,6 +80,7 @@ class Walk:
     potential: bool = True
     steps: int = 0
     clampings: int = 0
+    slack: bool = False
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END
@@ -200,6 +202,13 @@ class Walk:
 
         size = float(np.linalg.norm(unknowns))
         return (yield from down_valley(by_residuals(correct), unknowns, NEAR * size, WIDE * size, self.tolerance))
+
+    def _let_go(self, point: Point) -> Run:
+        """To where the valley leads in which a point is at the end of the way, held back no longer."""
+        self.hardly, self.valley = 1, True
+        found = yield from self._levelled(point.unknowns, 1.0)
+        if found is not None and not (yield from self._judge(found)).falls:
+            self.status, self.end = Status.CONVERGED, found
 
     def _released(self, point: Point, neutral: int) -> Run:
         """The end of the way from a point next to it, where symmetry leaves modes neutral there that rounded kinks held until

@@ -7,7 +7,7 @@ import numpy as np
 
 from multirod.problem import BoundaryProblem
 from multirod.solver import Left, Outcome
-from multirod.solvers.continuation.natural import natural_branch
+from multirod.solvers.continuation.natural import let_go, natural_branch
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.following.walk import NOISY
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 # by which a loose network may end that no other way led to a result
 WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
-KNOWN = ("handed", "tried", "ends", "unbounded")  # of each instance, beside its outcome, where loads could not be raised further
+# of each instance, beside its outcome, where loads could not be raised further
+KNOWN = ("handed", "tried", "ends", "unbounded", "slack")
 
 
 class ColdStart:
@@ -43,6 +44,7 @@ class ColdStart:
         tried: How segments ended, of those that are not to be tried by these; ``NOT_RUN`` of the others.
         ends: Unknowns where the natural branch ended [1/m].
         unbounded: Which are beside a line at its kink whose tension rises without bound.
+        slack: Which are at the full load in a valley, and not at rest.
     """
 
     def __init__(
@@ -58,7 +60,7 @@ class ColdStart:
         count = problem.instance_count
         self.chosen = np.ones(count, dtype=bool) if chosen is None else chosen
         self.outcome = Outcome.zeros(count)
-        self.handed, self.unbounded = np.zeros((2, count), dtype=bool)
+        self.handed, self.unbounded, self.slack = np.zeros((3, count), dtype=bool)
         self.tried: IntArray = np.full(count, int(Status.NOT_RUN))
         self.ends: FloatArray = np.zeros((count, problem.unknown_count))
 
@@ -107,6 +109,7 @@ class ColdStart:
                 self.tried[known] = status
             newton.allow(self._allowed)
             refine(problem, newton, outcome, self.chosen)
+            self.slack = let_go(problem, newton, outcome, self.chosen)
             self._let_out()
             refuse_unstable(problem, outcome, self.chosen)
 
@@ -182,7 +185,7 @@ class ColdStart:
             assemble(problem, newton, outcome, self.lost & ~ended, steps, further, closing=True)
 
         def from_several_places() -> None:
-            lowest_stable(problem, newton, outcome, self.lost, steps, further)
+            lowest_stable(problem, newton, outcome, self.lost, steps, further, self.options.sign)
 
         # what has no clamps may snap within its legs as joints close, to wherever
         told = problem.parts is not None and problem.parts.all_clamped
@@ -199,7 +202,7 @@ class ColdStart:
 
     def _go_on(self, lost: BoolArray) -> None:
         assert self.outcome.reached is not None  # or no branch ended
-        go_on(self.options, self.problem, self.newton, self.outcome, lost, self.outcome.reached, self.ends)
+        go_on(self.options, self.problem, self.newton, self.outcome, lost, self.outcome.reached, self.ends, slack=self.slack)
 
     def _hand_over(self) -> None:
         """Let segments go on where shooting crept; where they come to an end, shooting follows the branch to there too."""
@@ -222,6 +225,7 @@ class ColdStart:
         reached[places], ends[places] = again.reached, part.read("unknowns")
         newton.allow(np.maximum(self._allowed[places] - again.integrations, 0))
         refine(part, newton, again, everyone)
+        self.slack[places] = let_go(part, newton, again, everyone)
         outcome.status[places] = again.status
         outcome.iterations[places] += again.iterations
         outcome.integrations[places] += again.integrations

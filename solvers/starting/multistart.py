@@ -29,6 +29,9 @@ RESIDUALS = 4.0  # by how many tolerances the residuals of one equilibrium found
 WANDERING = 2.0  # times the largest start: an instance beyond goes no further
 SETTLED, SETTLED_ROUND = 16, 4  # places at which what comes apart is put together, until a stable equilibrium is found
 LAST = 50  # integrations of a place that come after its branch is followed, or tell what it leads to: as many are kept back
+ALIKE = 1e-9  # part of their energy, by which that of mirror images may differ
+SEEN_AT = 5  # nodes of each rod, at which these are told apart
+FIRST = 0.1  # part of how far they are apart, that the tips of these, and they along an axis, must be to tell
 PATIENCE = 25  # integrations from a start: what converges takes 5 to 15
 
 
@@ -168,14 +171,21 @@ def refuse_unstable(problem: BoundaryProblem, outcome: Outcome, chosen: NDArray[
 
 
 def lowest_stable(
-    problem: BoundaryProblem, newton: Newton, outcome: Outcome, lost: NDArray[np.bool_], max_steps: int, go_on: GoOn
+    problem: BoundaryProblem,
+    newton: Newton,
+    outcome: Outcome,
+    lost: NDArray[np.bool_],
+    max_steps: int,
+    go_on: GoOn,
+    side: int = 1,
 ) -> None:
     """Put the instances ``lost`` on their stable equilibrium of lowest potential energy, if one is found.
 
     Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken. They are told apart in
     double precision, and left so. Newton's method starts from many points; what comes apart is put together at several places
     (``settle``), ``go_on`` leads on from where that ends, and where its loads have no potential, that is done without them: then
-    they are raised, in ``max_steps`` at most.
+    they are raised, in ``max_steps`` at most. Of mirror images it is the one on the positive side, or for a ``side`` of -1 the
+    other, by (5) of ``docs/branches.md``.
     """
     stability, parts = problem.stability, problem.parts
     if stability is None or not stability.multistable or parts is None or problem.starts is None or not lost.any():
@@ -184,7 +194,7 @@ def lowest_stable(
     lost = lost & ~raised
     if raised.any():
         raised &= ~problem.is_loose()  # which rests nowhere without its loads
-    ways = partial(_search, go_on=go_on), partial(_search_unloaded, max_steps=max_steps, go_on=go_on)
+    ways = partial(_search, go_on=go_on, side=side), partial(_search_unloaded, max_steps=max_steps, go_on=go_on, side=side)
     for chosen, search in zip((lost, raised), ways, strict=True):
         for places in np.split(np.flatnonzero(chosen), range(TOGETHER, int(chosen.sum()), TOGETHER)):
             if not len(places):
@@ -203,14 +213,14 @@ def _stability(problem: BoundaryProblem) -> StabilityAnalysis:
     return problem.stability
 
 
-def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int, go_on: GoOn) -> Outcome:
+def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int, go_on: GoOn, side: int) -> Outcome:
     """The same as ``_search`` without loads, then where raising them leads, unless that is unstable."""
     assert problem.joints is not None
     after, before = problem.read("inputs"), problem.joints.unloaded_inputs()
     if before is None:
         return Outcome.zeros(problem.instance_count)
     problem.write("inputs", before)
-    outcome = _search(problem, newton, go_on=go_on)
+    outcome = _search(problem, newton, go_on=go_on, side=side)
     unknowns, gamma = problem.read("unknowns"), newton.gamma()
     problem.write("inputs", after)
     resting = outcome.status == Status.CONVERGED
@@ -226,7 +236,7 @@ def _search_unloaded(problem: BoundaryProblem, newton: Newton, *, max_steps: int
     return outcome
 
 
-def _search(problem: BoundaryProblem, newton: Newton, *, go_on: GoOn) -> Outcome:
+def _search(problem: BoundaryProblem, newton: Newton, *, go_on: GoOn, side: int) -> Outcome:
     """Leave every instance on the stable equilibrium of lowest potential energy that is found; where none is, as it was.
 
     What may not take all integrations of a round ends before it, undecided: fewer starts might miss the lowest.
@@ -235,7 +245,7 @@ def _search(problem: BoundaryProblem, newton: Newton, *, go_on: GoOn) -> Outcome
     before = problem.read("unknowns")
     apart = problem.joints is not None
     catalogues = _settled(problem, newton, outcome, go_on) if apart else _converged(problem, newton, outcome)
-    best, chosen = _lowest(problem, catalogues, before, outcome)
+    best, chosen = _lowest(problem, catalogues, before, outcome, side)
     chosen &= outcome.status != Status.INTEGRATION_LIMIT
     problem.write("unknowns", np.where(chosen[:, None], best, before))
     newton.run(chosen)
@@ -310,12 +320,13 @@ def _converged(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> li
 
 
 def _lowest(
-    problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns: FloatArray, outcome: Outcome
+    problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns: FloatArray, outcome: Outcome, side: int
 ) -> tuple[FloatArray, Any]:
     """The stable equilibria of lowest potential energy in place of ``unknowns``, and of which instances there is one.
 
     Below any equilibrium there is a stable one, as energies are bounded. So where one that is not stable, or not known to be, is
-    lower than all that are, the lowest was missed, and there is none. The integrations that tell are counted in ``outcome``.
+    lower than all that are, the lowest was missed, and there is none. Of mirror images it is that to the ``side``. The
+    integrations that tell are counted in ``outcome``.
     """
     analysis = _stability(problem)
     best = np.array(unknowns)
@@ -330,10 +341,33 @@ def _lowest(
             stability = analysis.modes().stability
             potential = analysis.potential()
         outcome.integrations += having
-        # of mirror images, whose energies differ by rounding, the first
-        better = having & (stability == Stability.STABLE) & (potential < least - 1e-9 * np.abs(potential))
-        best[better], least[better] = trial[better], potential[better]
+        stable, rounding = having & (stability == Stability.STABLE), ALIKE * np.abs(potential)
+        better = stable & (potential < least - rounding)
+        alike = stable & ~better & (potential <= least + rounding)  # mirror images
+        if alike.any():
+            places = _places(problem)
+            problem.write("unknowns", best)
+            apart = places - _places(problem)
+            better[alike] = [goes_to(own, side) for own in apart[alike]]
+            outcome.integrations += 2 * alike
+        best[better], least[better] = trial[better], np.fmin(least, potential)[better]
         bottom[having] = np.fmin(bottom, potential)[having]
     lowest = np.isfinite(least)
-    lowest[lowest] = least[lowest] <= bottom[lowest] + 1e-9 * np.abs(bottom[lowest])
+    lowest[lowest] = least[lowest] <= bottom[lowest] + ALIKE * np.abs(bottom[lowest])
     return best, lowest
+
+
+def _places(problem: BoundaryProblem) -> FloatArray:
+    """Of all rods at some nodes, the tip of the first one last, in the world [m], shape (instance_count, node, 3)."""
+    assert problem.shapes is not None  # or no energy was told
+    with problem.everyone():
+        shapes, _ = problem.shapes.at_nodes(SEEN_AT)
+    return np.concatenate([shape.position for shape in shapes[::-1]], axis=1)
+
+
+def goes_to(apart: FloatArray, side: int) -> bool:
+    """(5) of ``docs/branches.md``: whether places (node, 3) that are so far ``apart`` from those of a mirror image, the tip last,
+    are on the positive side of it, or for a ``side`` of -1 on the negative one."""
+    sizes = np.linalg.norm(apart, axis=1)
+    way = apart[-1 if sizes[-1] >= FIRST * sizes.max() else int(sizes.argmax())]
+    return bool(side * way[int(np.argmax(np.abs(way) >= FIRST * np.abs(way).max()))] > 0)

@@ -12,6 +12,7 @@ ACROSS = 1e-6  # turn of the end across the axis of the base from which on it sa
 SOFT = 0.025  # of forces and moments in EI/L^2 and EI/L, by which a neutral turn is held: then it is as stiff as others
 IN_BALLS, ROUND_IN_BALLS, SPINS = 1, 2, 3  # (28) rods between two balls, such ones that are round, and these under loads across
 BALL_AND_CLAMP = 4  # round ones from a ball to a clamp
+BESIDE, LED_ON = 1, 2  # (32) what is held against its turn until the full load, and what is there too
 ALONG = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")  # as they stand in a row of a rod's inputs
 
 
@@ -51,7 +52,8 @@ class Held:
     balls: wp.array[int]  # (28) which turns of a rod whose base is in a ball cost nothing where no load acts
     least: wp.array2d[wp.float64]  # of the moment on the tip, then of ALONG: as much or less is no load (instance, 5)
     leading: wp.array[wp.float64]  # how the turn that loads are to tell is held where the path begins
-    drawn: wp.array[wp.vec3d]  # (31) where loads draw a rod on the axis of its base, in the frame of that
+    drawn: wp.array[wp.vec3d]  # (31), (32) where a rod is drawn on its way, in the frame of its base
+    beside: wp.array[int]  # (32) whether its end is to be held a little beside the axis of its base; 2 where it is led on
     ways: wp.array2d[wp.vec3d]  # along which the rotation vector of its base is held: as the rod spins, and as it turns
     held_at: wp.array2d[wp.float64]  # where [1/m]
     rod: ProblemArrays  # as a backbone whose tip is held

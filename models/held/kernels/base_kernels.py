@@ -7,7 +7,7 @@ Numbers in parentheses are those of ``docs/held.md``.
 import warp as wp
 
 from multirod.kernels.own_module import own_module
-from multirod.models.held.kernels.arguments import ALONG, ON_AXIS, Held
+from multirod.models.held.kernels.arguments import ALONG, BESIDE, LED_ON, ON_AXIS, Held
 from multirod.models.joint_kernels import vector
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 
@@ -75,7 +75,11 @@ def is_neutral(held: Held, b: int) -> bool:
 
 @wp.func
 def weight_of_phase(held: Held, b: int) -> f64:
-    """(11), (31) How the turn about the base's axis is held."""
+    """(11), (31), (32) How the turn about the base's axis is held."""
+    if held.beside[b] == wp.static(LED_ON):
+        return f64(1.0)
+    if held.beside[b] == wp.static(BESIDE):
+        return wp.max(f64(1.0) - held.problem.load_factor[b], f64(0.0))
     if held.alike[b] == 0 or not on_axis(held, b):
         return f64(0.0)
     return wp.where(acts_along(held, b), leading(held, b), f64(1.0))

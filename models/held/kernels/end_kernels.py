@@ -37,6 +37,8 @@ def end_pose(held: Held, b: int) -> End:
 @wp.func
 def phase_of(held: Held, b: int) -> wp.vec3d:
     """(11) Across the axis about which the rod is to bend, in the frame of the base: there is to be no moment."""
+    if held.beside[b] != 0:
+        return held.drawn[b]
     turn = wp.transpose(held.base_frame[b]) * (vector(held.problem.inputs, b, held.pose + 3) + held.rest_turn[b])
     across = wp.vec3d(turn[1], -turn[0], f64(0.0))
     size = wp.length(across)
