@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
+from re import sub
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 from weakref import ref
@@ -15,7 +16,7 @@ from multirod.naming import unknown_names
 from multirod.profile import Profile, fit
 from multirod.read_only import ReadOnly
 from multirod.types import Index
-from multirod.validation import FloatArray, array, refuse
+from multirod.validation import Described, FloatArray, array, refuse
 
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
@@ -131,6 +132,11 @@ class Inputs(ReadOnly):
                 self._profiles[name] = (
                     value if isinstance(value, Profile) and value.ends[-1] >= length else fit(name, value, length)
                 )
+            elif callable(value):
+                hint = "what changes with time is an array, time its first axis, for mr.simulate"
+                if spec.acts == "along":
+                    hint = "this robot takes no functions of arclength"
+                refuse(name, Described(sub(" at 0x[0-9a-fA-F]+", "", repr(value))), f"must be numbers: {hint}")
             elif spec.per_rod or spec.count is not None:
                 self._arrays[name] = one_each(name, value, spec.size(rod_count), " rods" if spec.per_rod else "")
             else:

@@ -524,6 +524,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "do not broadcast: rotation (50,), tip_force (60,)",
             "the same number of samples",
         ),
+        Mistake(
+            "a function of time",
+            "robot.inputs(tip_force=lambda t: (t, 0, 0))",
+            ValueError,
+            "what changes with time is an array",
+            "an array (samples, 3), for mr.simulate",
+        ),
         Mistake("a gap in the data", "robot.inputs(tip_force=(np.nan, 0, 0))", ValueError, "must be finite", "finite numbers"),
         Mistake("a moment in N mm", "robot.inputs(tip_moment=(0, 200, 0))", WARNING, "is it in N mm", "N m"),
         Mistake(
