@@ -136,3 +136,37 @@ def test_every_sample_of_a_loop_is_within_limits(robot, slack):
     # what the next sample expects are the unknowns of these tensions, to the second order of the step
     tip = mr.solve(robot, robot.inputs(tension=second.value("tension")[0]), guess=second.solution.unknowns[0])
     np.testing.assert_allclose(second.solution.unknowns[0], tip.unknowns, atol=1e-4 * np.abs(tip.unknowns).max())
+
+
+@pytest.mark.parametrize(("unknown", "stretch"), [("tip_force", {}), ("displacement", {"axial_stiffness": 2000.0})])
+def test_what_is_estimated_beside_lines_that_turn_slack_is_the_most_probable(unknown, stretch):
+    """Some of it at a kink: of 200, 4 forces and 97 displacements came to no end. Nothing near is more probable, by equilibria
+    found from nothing."""
+    angles = np.pi * np.arange(2) if stretch else 2 * np.pi * np.arange(3) / 3
+    places = 0.008 * np.column_stack([np.cos(angles), np.sin(angles)])
+    lines = [mr.Tendon(place, driven="displacement", **stretch) for place in places]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    random, count, size = np.random.default_rng(5), 200, {"tip_force": 0.1, "displacement": 2e-3}[unknown]
+    turns = random.uniform(0, 2 * np.pi, (count, 1))
+    pulled = 0.003 * random.random((count, 1)) * np.cos(angles - turns) - 1e-4 * random.random((count, 1))
+    given = {"displacement": pulled, "tip_force": 0.1 * random.normal(size=(count, 3))}
+    there = mr.solve(robot, robot.inputs(**given)).raise_if_failed()
+    position = there.tip_position + 5e-4 * random.normal(size=(count, 3))
+    known = {name: value for name, value in given.items() if name != unknown}
+    sensor, prior = mr.Pose(position=position, sigma=5e-4), {unknown: mr.Prior(0, sigma=size)}
+    found = mr.estimate(robot, robot.inputs(**known), unknown=prior, measured=sensor)
+    assert not found.failed.any(), found
+
+    def squares(values):
+        others = {name: np.broadcast_to(value, (*values.shape[:-1], value.shape[-1])) for name, value in known.items()}
+        tips = mr.solve(robot, robot.inputs(**{unknown: values}, **others))
+        off = ((tips.tip_position - position) / 5e-4) ** 2
+        return np.nan_to_num(off.sum(axis=-1) + ((values / size) ** 2).sum(axis=-1), nan=np.inf)
+
+    best = found.value(unknown)
+    # 1e-4 at the last step, a hundredth of a deviation
+    np.testing.assert_allclose(squares(best), found.misfit, rtol=0, atol=1e-3)
+    aside = np.linalg.cholesky(found.covariance(unknown))
+    for far in (0.03, 0.3):
+        steps = (aside @ random.normal(size=(12, count, best.shape[1], 1)))[..., 0]
+        assert (squares(best + far * steps) > found.misfit - 1e-3).all()

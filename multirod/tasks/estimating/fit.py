@@ -14,8 +14,8 @@ from multirod.running.simulation import solve
 from multirod.solver import Solver
 from multirod.stability import Stability
 from multirod.status import Status
-from multirod.tasks.estimating.inference import Posterior, posterior, roots, units
-from multirod.tasks.estimating.iteration import HALVINGS, SETTLED, SLACK, TOLERANCE
+from multirod.tasks.estimating.inference import SETTLED, Posterior, posterior, roots, units
+from multirod.tasks.estimating.iteration import HALVINGS, SLACK, TOLERANCE
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import Parameters
 from multirod.tasks.formulation import Evaluation

@@ -10,6 +10,7 @@ import numpy as np
 from multirod.batch import IntArray
 from multirod.validation import FloatArray
 
+SETTLED = 1e-2  # standard deviations: a last step that is less adds 1e-4 to the error's variance
 UNSEEN = 1e-10  # of the largest singular value, each number in its unit: what is less is not determined at all
 BISECTIONS = 30  # of the damping
 MILDEST = 1e-12  # damping that is looked at first, over the largest there may be

@@ -15,7 +15,8 @@ from multirod.solver import Outcome, Solver, refuse_unfit
 from multirod.stability import modes_of
 from multirod.status import Status, failures
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.inference import damping, deviations, posterior, roots, units
+from multirod.tasks.estimating.inference import SETTLED, damping, deviations, posterior, roots, units
+from multirod.tasks.estimating.kinked import Kinked
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.limits import known_rows
@@ -23,7 +24,6 @@ from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor
 from multirod.validation import FloatArray
 
-SETTLED = 1e-2  # standard deviations: a step that is less adds 1e-4 to the error's variance
 TOLERANCE = 1e-8  # of the curvatures that arise: moves a tip by 1e-8 of its length
 HALVINGS = 8
 LIKELY = 3.0  # standard deviations of the priors, beyond which no step goes once one has not come off
@@ -31,6 +31,7 @@ EPSILON = float(np.finfo(np.float64).eps)
 SHARPEST = 20.0  # residuals of a step that is taken, over the curvatures that arise
 RESTORED = 0.5  # of the residual: a step that leaves no more of it is taken too
 SLACK = 1e-9  # of the squares' sum, that rounding may add
+ENDLESS = int(Status.MAX_ITERATIONS), int(Status.STALLED)
 PLACE = ("x", "p", "square", "gap", "towards", "by", "step", "covariance", "J", "r")
 
 
@@ -100,6 +101,8 @@ class Part:
                 break
             active = self._advance(active)
         self.outcome.status[active] = Status.MAX_ITERATIONS
+        if len(self.task.problem.kinks):
+            Kinked(self).run(np.flatnonzero(np.isin(self.outcome.status, ENDLESS) & np.isfinite(self.square)))
         self._judge()
 
     def _judge(self) -> None:

@@ -87,13 +87,17 @@ class Measured:
 
     def at(self, found: Evaluation, chosen: Instances) -> tuple[FloatArray, FloatArray]:
         """(3) Whitened ``r`` (b, m) and ``J`` (b, m, k) of the chosen instances, that ``found`` is of."""
-        parts = [rows.take(chosen).at(found) for rows in self.rows]
         known = self.known[chosen]
-        joined = parts[0] if len(parts) == 1 else [np.concatenate(part, axis=1) for part in zip(*parts, strict=True)]
-        r, J = found.condensed(joined[0], joined[1], joined[2])
+        r, J = found.condensed(*self.told(found, chosen))
         if known.all():
             return r, J
         return np.where(known, r, 0.0), np.where(known[..., None], J, 0.0)
+
+    def told(self, found: Evaluation, chosen: Instances) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The same rows where the integration stood, (b, m), and their derivatives by unknowns and by what is free."""
+        parts = [rows.take(chosen).at(found) for rows in self.rows]
+        joined = parts[0] if len(parts) == 1 else [np.concatenate(part, axis=1) for part in zip(*parts, strict=True)]
+        return joined[0], joined[1], joined[2]
 
 
 def _gone(k: int, rows: PoseRows | CurvatureRows, known: NDArray[np.bool_]) -> list[str]:
