@@ -389,6 +389,21 @@ def test_the_stiffness_undoes_the_compliance_and_is_symmetric(bent):
     np.testing.assert_allclose(bent.stiffness, bent.stiffness.T, rtol=0, atol=1e-8 * np.abs(bent.stiffness).max())
 
 
+def test_where_no_load_moves_the_end_the_stiffness_is_said_to_be_infinite():
+    """Along a straight rod that does not stretch, however it is turned; beside it a bent one, whose stiffness is finite."""
+    base = np.eye(4)
+    base[:3, :3] = [(0, 0, 1), (1, 0, 0), (0, 1, 0)]  # z along x
+    rod = mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814)
+    robot = mr.SingleRod(rod, base=base)
+    both = mr.solve(robot, robot.inputs(tip_force=[(0, 0, 0), (0, 0, 0.3)]), solver=SOLVER)
+    with pytest.warns(RuntimeWarning, match=r"of 1 of 2 instances is NaN: .* along \(1.0, 0.0, 0.0\) N .*\('tip_force', 'tip_m"):
+        stiffness = both.stiffness
+    assert np.isnan(stiffness[0]).all()
+    assert np.isfinite(stiffness[1]).all()
+    compliance = both.jacobian("tip_force", "tip_moment")
+    np.testing.assert_allclose(compliance[0] @ (1, 0, 0, 0, 0, 0), 0, atol=1e-15)
+
+
 def test_the_stiffness_of_a_platform_is_about_its_origin_wherever_forces_act():
     rod = mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814)
     angles = 2 * np.pi * np.arange(3) / 3

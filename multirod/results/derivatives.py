@@ -26,6 +26,7 @@ POSE = 6
 ALONG = ("position", "rotation", "curvature")  # at places along a rod
 OF = ("pose", "line_length", "tension", *ALONG)
 OF_TIP = {"tip_pose": slice(0, POSE), "tip_position": slice(0, 3)}
+ROUNDED = 1e-9  # of the largest number of a load, what is not shown
 SINGULAR = 1e-14  # of the largest: a singular value of the compliance that rounding may have left
 
 # of a problem, its columns of the pose by numbers at fixed unknowns, and what ends at one place were moved apart
@@ -354,7 +355,24 @@ def stiffness(solution: "Solution[Any]") -> FloatArray:
     scaled = compliance * scale[:, None] * scale
     result = np.full(compliance.shape, np.nan)
     sound = np.asarray(np.isfinite(scaled).all(axis=(-2, -1)))
-    values = np.linalg.svd(np.where(sound[..., None, None], scaled, 0.0), compute_uv=False)
-    sound &= values[..., -1] > SINGULAR * values[..., 0]
+    _, values, loads_along = np.linalg.svd(np.where(sound[..., None, None], scaled, 0.0))
+    rigid = sound & ~(values[..., -1] > SINGULAR * values[..., 0])
+    sound &= ~rigid
     result[sound] = np.linalg.inv(scaled[sound]) * scale[:, None] * scale
+    if rigid.any():
+        _warn_of_rigid(rigid, loads_along[rigid][0, -1] * scale, tuple(loads))
     return np.asarray(frozen(result))
+
+
+def _warn_of_rigid(rigid: NDArray[np.bool_], load: FloatArray, names: tuple[str, ...]) -> None:
+    """Say that the stiffness of some instances is infinite, and the force and moment (6,) that move the end of the first by
+    nothing."""
+    rounded = [0.0 if abs(value) < ROUNDED else float(f"{value:.4g}") for value in load / load[np.abs(load).argmax()]]
+    said = f"a force along {tuple(rounded[:3])} N with a moment of {tuple(rounded[3:])} N m moves the end by nothing"
+    of = f" of {rigid.sum()} of {rigid.size} instances" if rigid.size > 1 else ""
+    warnings.warn(
+        f"stiffness{of} is NaN: it is infinite one way, as {said}; jacobian{names} tells how it gives way otherwise, and with "
+        "an axial_stiffness it is finite",
+        RuntimeWarning,
+        3,
+    )

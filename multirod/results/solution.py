@@ -194,7 +194,7 @@ class Solution(Wrenches[Robot_co]):
         What a small displacement of the end effector takes, all inputs as they are: the inverse of the compliance by
         ``tip_force`` and ``tip_moment``. In the axes of the world, about the origin of the end effector. Symmetric where its
         loads have a potential (``docs/derivatives.md``). NaN where nothing moves it some way, as along a straight rod that
-        does not stretch, and where there is no result.
+        does not stretch, which a ``RuntimeWarning`` says, and where there is no result.
 
         Raises:
             AttributeError: If something holds the end.
