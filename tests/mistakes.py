@@ -770,6 +770,29 @@ GROUPS: dict[str, list[Mistake]] = {
             "metres, and radians",
         ),
         Mistake(
+            "a deviation in degrees",
+            "mr.Pose(position=(0.05, 0, 0.28), rotation=np.eye(3), sigma=(5e-4, 0.5))",
+            WARNING,
+            "if it is in degrees, give 0.00872665",
+            "metres, and radians",
+        ),
+        Mistake(
+            "a prior in mN",
+            "mr.estimate(robot, unknown={'tip_force': mr.Prior(0, sigma=300)}, "
+            "measured=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3))",
+            WARNING,
+            "if it is in mN, give 0.3",
+            "newtons",
+        ),
+        Mistake(
+            "a prior of a push in mm",
+            "mr.estimate(robot, unknown={'translation': mr.Prior(0, sigma=2)}, "
+            "measured=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3))",
+            WARNING,
+            "if it is in mm, give 0.002",
+            "metres",
+        ),
+        Mistake(
             "two deviations for a position alone",
             "mr.Pose(position=(0.05, 0, 0.28), sigma=(5e-4, 5e-3))",
             ValueError,

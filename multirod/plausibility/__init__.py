@@ -14,6 +14,7 @@ from multirod.plausibility.robots import (
     of_place,
     of_pose,
     of_pose_sigma,
+    of_prior_sigma,
 )
 from multirod.plausibility.rods import Material, of_rod, of_tube_magnetisation
 from multirod.plausibility.solutions import of_bases, of_strains
@@ -36,6 +37,7 @@ __all__ = [
     "of_place",
     "of_pose",
     "of_pose_sigma",
+    "of_prior_sigma",
     "of_rod",
     "of_strains",
     "of_tube_magnetisation",

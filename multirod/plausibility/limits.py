@@ -93,6 +93,8 @@ DEVIATION = (
     0.1,
     100.0,
 )  # m: no sensor of positions is off by more than the first; beyond the second nothing is measured on purpose
+TURNED_BY = (0.35, 100.0)  # rad, likewise: 20 degrees
+FLAT = (100.0, 1e5)  # EI/L^2 of a load that a prior allows: beyond the second who gives it means that nothing is known
 FEW = 50  # numbers
 STRAIN = 0.08  # beyond which superelastic alloys yield too
 RUBBER_STRAIN, RUBBER = 0.5, 1e8  # the same of what is softer than so many Pa

@@ -1,15 +1,29 @@
 """Of robots and tasks: poses, bodies, legs, tubes, times."""
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multirod.plausibility.inputs import of_angles
-from multirod.plausibility.limits import ASIDE, DEVIATION, DT, LENGTH, PLATFORM_MASS, REACH, WINDING, largest
+from multirod.plausibility.limits import (
+    ASIDE,
+    DEVIATION,
+    DT,
+    FLAT,
+    LENGTH,
+    PLATFORM_MASS,
+    REACH,
+    TURNED_BY,
+    WINDING,
+    largest,
+)
 from multirod.plausibility.warning import say
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
+    from multirod.assembly import Assembly
+    from multirod.inputs import InputSpec
     from multirod.rod import Rod
 
 
@@ -33,11 +47,32 @@ def of_limits(field: str, name: str, values: FloatArray) -> None:
         of_angles(field, finite, largest(finite))
 
 
-def of_pose_sigma(sigma: FloatArray) -> None:
-    """Warn of standard deviations (count,) of a position that are no measurement's."""
-    if ((DEVIATION[0] < sigma) & (sigma < DEVIATION[1])).all():
-        most = sigma.max()
-        say(f"Pose.sigma = {most:.6g} m of a position says next to nothing of it; if it is in mm, give {1e-3 * most:.6g}")
+def of_pose_sigma(sigma: FloatArray, placed: int) -> None:
+    """Warn of standard deviations (count,) that are no measurement's: of a position the first ``placed``, then of angles."""
+    position, angles = sigma[:placed], sigma[placed:]
+    for own, (least, most) in ((position, DEVIATION), (angles, TURNED_BY)):
+        if not own.size or not ((least < own) & (own < most)).all():
+            continue
+        size = float(own.max())
+        if own is position:
+            say(f"Pose.sigma = {size:.6g} m of a position says next to nothing of it; if it is in mm, give {1e-3 * size:.6g}")
+        else:
+            meant = math.radians(size)
+            say(f"Pose.sigma = {size:.6g} rad of angles says next to nothing of them; if it is in degrees, give {meant:.6g}")
+
+
+def of_prior_sigma(field: str, sigma: FloatArray, spec: "InputSpec", robot: "Assembly") -> None:
+    """Warn of standard deviations (..., k) of a load, or of a place, that are too large for a robot of this size."""
+    least, length = float(sigma.min(initial=math.inf)), robot.longest
+    milli = f"if it is in m{spec.unit}, give {1e-3 * least:.6g}"
+    if spec.power and not spec.on and not any(rod.members for rod in robot.rods):
+        unit = robot.stiffest / length**spec.power
+        if FLAT[0] * unit < least < FLAT[1] * unit:
+            unit_said = f"EI/L{'' if spec.power == 1 else f'^{spec.power}'}"
+            says = f"is {least / unit:.3g} {unit_said}, of which some 10 bend the robot double, and says as little as inf"
+            say(f"{field} = {least:.6g} {spec.unit} {says}; {milli}")
+    elif spec.unit == "m" and length < least < DEVIATION[1]:
+        say(f"{field} = {least:.6g} m is more than the robot is long, {length:.6g} m; {milli}")
 
 
 def of_measured_curvature(value: FloatArray, furthest: float) -> None:

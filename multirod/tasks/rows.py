@@ -349,8 +349,7 @@ def whitening(kind: Kind, sigma: object, covariance: object) -> FloatArray | Non
     if sigma is None:
         return None
     result = _sigma(kind, sigma)
-    if kind[0]:
-        plausibility.of_pose_sigma(result[: POSITION_ROWS[kind[0]]])
+    plausibility.of_pose_sigma(result, POSITION_ROWS[kind[0]])
     return np.diag(1 / result)
 
 
@@ -390,6 +389,5 @@ def _root(kind: Kind, sigma: object, covariance: object) -> FloatArray:
         refuse("Pose.covariance", Described(f"array of shape {result.shape}"), f"must be ({size}, {size})")
     if np.abs(result - result.T).max() > SYMMETRIC * np.abs(result).max() or (np.linalg.eigvalsh(result) <= 0).any():
         raise ValueError("Pose.covariance must be symmetric and positive definite")
-    if kind[0]:
-        plausibility.of_pose_sigma(np.sqrt(np.diagonal(result)[:3]))
+    plausibility.of_pose_sigma(np.sqrt(np.diagonal(result)), POSITION_ROWS[kind[0]])
     return _inverse_root(result)

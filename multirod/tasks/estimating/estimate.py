@@ -10,6 +10,7 @@ from typing import Any, Generic, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import parts, run, thread_count
 from multirod.inputs import Inputs
@@ -337,6 +338,8 @@ def checked_priors(robot: Assembly, inputs: Inputs, unknown: object) -> dict[str
         instance(f"unknown[{name!r}]", unknown[name], Prior, "a Prior")
         if name in inputs.profiles:
             refuse(name, Described("a function of arclength"), "must be numbers, where it is to be estimated")
+        if unknown[name].covariance is None:
+            plausibility.of_prior_sigma(f"Prior.sigma of {name}", unknown[name].sigma, inputs.spec(name), robot)
     return {name: unknown[name] for name in names}
 
 

@@ -178,8 +178,10 @@ def _walks(robot: Assembly, unknown: object) -> dict[str, Walk]:
     """Checked walks by the names of inputs."""
     if not isinstance(unknown, Mapping):
         raise TypeError(f"unknown = {unknown!r} is not allowed: must be walks by name, such as {{'tip_force': Walk(0.3)}}")
+    specs = {spec.name: spec for spec in robot.input_specs}
     for name in freed("unknown", robot, tuple(unknown)):
         instance(f"unknown[{name!r}]", unknown[name], Walk, "a Walk")
+        plausibility.of_prior_sigma(f"Walk.sigma of {name}", unknown[name].sigma, specs[name], robot)
         start: Prior = unknown[name].start
         if start.covariance is None and np.isinf(start.sigma).any():
             refuse(f"unknown[{name!r}].start", Described("a prior without sigma"), "must say how sure the first sample is")
