@@ -19,7 +19,9 @@ from multirod.tasks.limits import Limits
 from multirod.validation import FloatArray
 
 NODES = 101  # of each rod, where its curvature is looked at
-PROBE = 1e-3  # in units (9): steps of the differences (18)
+PROBE = 1e-3  # in units (9): steps of the differences (18c)
+IN_TURN = 3  # of the freed numbers, by which differences are taken anew in a sample
+FORESEEN = 1e-3  # of room, by which a look may differ from what is known of slopes, which then serve on
 ASKED_BELOW = 0.1  # room, of a limit of the curvature or in stability margin, below which (18) is asked for
 # of that room, which a command that is accepted leaves: what a look is off to higher order, and rounding, after it
 LEAST_ROOM = 1e-4
@@ -126,7 +128,9 @@ class ShapeLimits:
         self._limits, self._unit = limits, unit
         self._curvature, self._margin = limits.curvature or np.inf, limits.stability_margin or 0.0
         self._one = Task.of(robot, inputs, free, integrator=integrator, device=device)
-        many = inputs.with_arrays({name: np.tile(value, (len(unit), 1)) for name, value in inputs.arrays.items()})
+        self._turn, self._known = 0, np.full((len(limits.shape_names), len(unit)), np.nan)
+        shared = min(IN_TURN, len(unit))
+        many = inputs.with_arrays({name: np.tile(value, (shared, 1)) for name, value in inputs.arrays.items()})
         self._probes = Task.of(robot, many, free, integrator=integrator, device=device)
         shapes = self._one.problem.shapes
         bending = None if limits.curvature is None or shapes is None else shapes.bending(NODES)
@@ -216,7 +220,7 @@ class ShapeLimits:
         no_nearer = (found.room >= -self._rounded) & (found.room >= self.last.room - 0.1 * self._rounded)
         refused = ~((found.room >= LEAST_ROOM) | no_nearer)
         if refused.any():
-            self._refused = refused
+            self._refused, self._known[:] = refused, np.nan
             self.longest = 0.5 * min(self.longest, self._step(found))
         else:
             self.longest = min(2 * self.longest, LONGEST)
@@ -234,31 +238,50 @@ class ShapeLimits:
 
     def rows(self, found: Look) -> tuple[FloatArray, FloatArray]:
         """(18) ``matrix p <= high``, shapes (count, k) and (count,), of steps from a command, which is the last from now on."""
-        self.last = found
+        before, self.last = self.last, found
         matrix, high = np.zeros((len(self.names), len(self._unit))), np.full(len(self.names), np.inf)
         near = found.room < ASKED_BELOW if self.longest == LONGEST else np.ones(len(self.names), dtype=bool)
         if near.any():
-            places, slope = self._probes.places, self._probed(found, near)
+            places, slope = self._probes.places, self._probed(found, near, before)
             slope[np.abs(slope) * self._unit < FLAT] = 0.0
             near &= np.isfinite(slope).all(axis=1)
             matrix[near] = -slope[near]
             high[near] = np.maximum(found.room - INSET, 0.0)[near] + matrix[near] @ found.inputs[0, places]
+        else:
+            self._known[:] = np.nan
         return matrix, high
 
-    def _probed(self, found: Look, asked: NDArray[np.bool_]) -> FloatArray:
+    def _probed(self, found: Look, asked: NDArray[np.bool_], before: Look) -> FloatArray:
         """(18) How the room of the limits that are asked for, (count,), varies along equilibria, shape (count, k); where the look
-        did not tell, by its differences."""
+        did not tell, by its differences: (18d) some of the numbers in turn, or all, where these slopes are not known, or did not
+        foresee the room that has come since the look ``before``, or steps are short since one was refused."""
         slopes, open_ = found.slopes.copy(), asked & np.isnan(found.slopes).any(axis=1)
-        if open_.any():
-            problem, step = self._probes.problem, PROBE * self._unit
-            many = np.repeat(found.inputs, len(step), axis=0)
-            many[:, self._probes.places] += np.diag(step)
-            with problem.alone:
-                problem.write("unknowns", found.unknowns + found.by.T * step[:, None])
-                problem.write("inputs", many)
-                problem.integrate()
-                for j in np.flatnonzero(open_).tolist():
-                    margin = self.names[j] == "stability_margin"
-                    probed = self._margins(problem) if margin else self._straightness(problem)
-                    slopes[j] = (probed - found.room[j]) / step
+        known, every = self._known, np.arange(len(self._unit))
+        with np.errstate(invalid="ignore"):
+            missed = found.room - before.room - known @ (found.inputs - before.inputs)[0, self._one.places]
+            serve = self.longest == LONGEST and bool((np.abs(missed) <= FORESEEN)[open_].all())
+        known[~open_] = np.nan
+        if not open_.any():
+            return slopes
+        shared = self._probes.problem.instance_count
+        turn = (self._turn + np.arange(shared)) % len(every) if serve else every
+        self._turn = int(turn[-1]) + 1
+        for first in range(0, len(turn), shared):
+            own = turn[first : first + shared]
+            own = np.concatenate([own, own[:1].repeat(shared - len(own))])  # as many as there are instances
+            known[np.ix_(open_, own)] = self._differences(found, open_, own)
+        slopes[open_] = known[open_]
         return slopes
+
+    def _differences(self, found: Look, asked: NDArray[np.bool_], own: IntArray) -> FloatArray:
+        """(18c) By some of the freed numbers, as many as there are instances; shape (asked, len(own))."""
+        problem, step = self._probes.problem, PROBE * self._unit[own]
+        many = np.repeat(found.inputs, len(own), axis=0)
+        many[range(len(own)), self._probes.places[own]] += step
+        with problem.alone:
+            problem.write("unknowns", found.unknowns + found.by[:, own].T * step[:, None])
+            problem.write("inputs", many)
+            problem.integrate()
+            names = np.array(self.names)[asked]
+            probed = [self._margins(problem) if name == "stability_margin" else self._straightness(problem) for name in names]
+        return np.asarray((np.array(probed) - found.room[asked, None]) / step)
