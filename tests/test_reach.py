@@ -281,7 +281,8 @@ def test_a_target_out_of_reach_and_a_singular_one_say_so(start, wire):
         solver=mr.Shooting(),
     )
     assert along.status is mr.Status.SINGULAR_TASK
-    assert (np.abs(along.inputs.rotation) < 2 * np.pi).all()
+    assert np.isnan(along.inputs.rotation).all()
+    assert (np.abs(along.ended_at.rotation) < 2 * np.pi).all()
 
 
 def test_a_tight_tolerance_is_met_where_steps_are_short_already(start):
@@ -306,7 +307,7 @@ def test_no_search_ends_farther_off_than_it_began(start):
     turned = np.linalg.norm(vectors(start.tip_rotation @ np.swapaxes(rotation, 1, 2)), axis=1)
     # the search's kernel rounds its steps otherwise than that of the start
     assert (off(found.target_error, found.target_angle) <= off(away, turned) * (1 + 1e-5)).all()
-    back = np.all([(getattr(found.inputs, name) == getattr(start.inputs, name)).all(axis=1) for name in FREE], axis=0)
+    back = np.all([(getattr(found.ended_at, name) == getattr(start.inputs, name)).all(axis=1) for name in FREE], axis=0)
     limited = back & (found.status == mr.Status.AT_LIMIT)
     assert limited.any()
     assert (back & (found.status == mr.Status.UNREACHABLE)).any()
@@ -315,6 +316,11 @@ def test_no_search_ends_farther_off_than_it_began(start):
     assert (found.residual[limited] <= 1e-9).all()
     assert (found.stability[~found.failed] == mr.Stability.STABLE).all()
     assert np.isnan(found.tip_position[found.failed]).all()
+    for name in FREE:  # what was not found is in no inputs, what was given stays
+        np.testing.assert_array_equal(np.isnan(getattr(found.inputs, name)).all(axis=1), found.failed)
+        np.testing.assert_array_equal(getattr(found.inputs, name)[~found.failed], getattr(found.ended_at, name)[~found.failed])
+    assert np.isfinite(found.inputs.tip_force).all()
+    assert np.isnan(found[found.failed].inputs.rotation).all()
 
 
 def test_a_target_whose_equilibrium_is_past_a_fold_is_unstable():
@@ -332,8 +338,8 @@ def test_a_target_whose_equilibrium_is_past_a_fold_is_unstable():
     found = mr.reach(robot, pose, guess=start, **options)
     assert found.status is mr.Status.UNSTABLE
     assert np.isnan(found.tip_position).all()
-    # target_error is that of the inputs that are returned: a place on the way, solved for loosely
-    there = mr.solve(robot, found.inputs, solver=SOLVER, guess=start)
+    # target_error is that of where the search ended: a place on the way, solved for loosely
+    there = mr.solve(robot, found.ended_at, solver=SOLVER, guess=start)
     assert found.target_error > 1e-3
     assert np.linalg.norm(there.tip_position - pose.position) == pytest.approx(float(found.target_error), abs=1e-4)
 
@@ -581,6 +587,10 @@ def from_slack_lines(robot, angles):
         found = mr.reach(robot, target, robot.inputs(**loads), free="displacement", limits=limits)
         assert (found.status == mr.Status.REACHED).all()
         assert (np.abs(found.inputs.displacement) < 0.01).all()  # no line is let out as far as its limit
+        # the target comes before the middle, at which lines that do not stretch would all have to be shorter than they are
+        limits = mr.Limits(displacement=(-0.005, 0.01))
+        middle = mr.reach(robot, target, robot.inputs(**loads), free="displacement", limits=limits, prefer="middle")
+        assert (middle.status == mr.Status.REACHED).all()
         # from nothing, at the same lengths: the tip notices nothing of what does not pull
         solved = mr.solve(robot, found.inputs).raise_if_failed()
         np.testing.assert_allclose(solved.tip_position, found.tip_position, rtol=0, atol=1e-7)
@@ -603,7 +613,7 @@ def test_a_target_of_slack_lines_that_is_beyond_a_limit_of_the_shape_is_not_gone
     inputs = robot.inputs(tip_force=(0, 0, -0.2), gravity=(0, 0, -9.81))
     found = mr.reach(robot, mr.Pose(axis=(0.3, 0.1, 1)), inputs, free="displacement", limits=limits)
     assert found.status not in (mr.Status.REACHED, mr.Status.OUT_OF_LIMITS)
-    there = mr.solve(robot, found.inputs).raise_if_failed()
+    there = mr.solve(robot, found.ended_at).raise_if_failed()
     assert np.linalg.norm(there.rod(0).curvature[:, :2], axis=1).max() <= 1.0
 
 
@@ -751,7 +761,7 @@ def test_how_far_off_a_target_is_left_is_told_of_an_equilibrium(start):
     for k in left:
         part = np.linspace(0, 1, 200)[:, None]
         way = {
-            name: getattr(start.inputs, name) + part * (getattr(found.inputs, name)[k] - getattr(start.inputs, name))
+            name: getattr(start.inputs, name) + part * (getattr(found.ended_at, name)[k] - getattr(start.inputs, name))
             for name in FREE
         }
         inputs = TUBES.inputs(tip_force=np.tile(start.inputs.tip_force, (200, 1)), **way)

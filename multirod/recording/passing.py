@@ -87,7 +87,7 @@ class Packer:
         numbers = None
         common = _Common(solution._scene, None)
         if own:
-            inputs = solution.inputs
+            inputs = solution._applied
             common = _Common(replace(solution._scene, unpack=None), inputs.with_arrays({}))
             numbers = {name: _flat(array) for name, array in inputs.arrays.items()}
         last = self._last.get(place)

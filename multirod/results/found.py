@@ -79,9 +79,14 @@ class Found(ReadOnly, Generic[Robot_co]):
             return self._scene.unpack(self._records[:, self._scene.fields["inputs"]])
         return self._inputs
 
-    @cached_property
+    @property
     def inputs(self) -> Inputs:
         """What was applied."""
+        return self._applied
+
+    @cached_property
+    def _applied(self) -> Inputs:
+        """Those of the instances, also of what failed."""
         if self._instances is None:
             return self._whole
         taken = self._whole.take(self._axes, self._instances)

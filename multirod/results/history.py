@@ -221,12 +221,12 @@ def stack(
     """Samples that are ``alike`` as a history, so that all their shapes are integrated in one batch."""
     first = samples[0]
     arrays: dict[str, FloatArray] = {}
-    for name in first.inputs.arrays:
-        rows = [getattr(sample.inputs, name) for sample in samples]
+    for name in first._applied.arrays:
+        rows = [getattr(sample._applied, name) for sample in samples]
         arrays[name] = np.stack([np.broadcast_to(row, (*first.batch_shape, row.shape[-1])) for row in rows])
     outcome = Outcome.joined([sample._outcome for sample in samples])
     records = np.concatenate([sample._records for sample in samples])
     batch_shape = (len(samples), *first.batch_shape)
-    inputs = first.inputs.with_arrays(arrays, batch_shape)
+    inputs = first._applied.with_arrays(arrays, batch_shape)
     scene = replace(first._scene, batch_shape=batch_shape)
     return History(scene, records, outcome, inputs, time=times, step_time=durations, description=description)

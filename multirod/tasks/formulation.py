@@ -15,7 +15,7 @@ from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.naming import unknown_names
 from multirod.problem import BoundaryProblem
-from multirod.validation import FloatArray, refuse
+from multirod.validation import FloatArray, frozen, refuse
 
 PosedAt: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # position, rotation, columns by x and by p
 
@@ -222,6 +222,14 @@ def with_values(inputs: Inputs, names: Sequence[str], values: FloatArray) -> Inp
     """The inputs with other values of some, (..., k), one input after another."""
     places = places_of(inputs, names)
     return inputs.with_arrays(inputs.arrays | {name: np.array(values[..., place]) for name, place in places.items()})
+
+
+def masked(inputs: Inputs, names: Sequence[str], failed: NDArray[np.bool_]) -> Inputs:
+    """The inputs, some of them NaN where a task ``failed`` (...), which found none."""
+    if not failed.any():
+        return inputs
+    values = {name: np.where(failed[..., None], np.nan, getattr(inputs, name)) for name in names}
+    return inputs.with_arrays(inputs.arrays | {name: frozen(own) for name, own in values.items()})
 
 
 def input_units(robot: Assembly, free: Sequence[str]) -> FloatArray:

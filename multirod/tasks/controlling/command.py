@@ -10,7 +10,7 @@ from multirod.inputs import Inputs
 from multirod.results.remarks import Remarks
 from multirod.results.solution import Solution
 from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, OFFSET, SINGULAR, TARGET
-from multirod.tasks.formulation import with_values
+from multirod.tasks.formulation import masked, with_values
 from multirod.tasks.limits import LimitRows, told
 from multirod.types import Numbers
 from multirod.validation import FloatArray, frozen
@@ -35,11 +35,17 @@ class Command(Solution[Robot_co]):
         """Names of the inputs that were chosen."""
         return self._free
 
+    @cached_property
+    def inputs(self) -> Inputs:  # type: ignore[override]  # found when it is asked for
+        """For the drives: what was chosen, and all else as it was given. Of a sample that failed what is free is NaN;
+        ``last_good`` has a command then."""
+        return masked(self._applied, self._free, self.failed)
+
     @property
     def last_good(self) -> Inputs:
         """What is free as the last sample has it that did not fail, this one if it did not: for drives that need a command. All
         else is as in this sample; whether the robot is stable under loads that have changed nobody has looked."""
-        return with_values(self.inputs, self._free, self._by_free(0)[0])
+        return with_values(self._applied, self._free, self._by_free(0)[0])
 
     @property
     def target_error(self) -> float:

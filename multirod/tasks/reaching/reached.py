@@ -15,7 +15,7 @@ from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.solver import Outcome
-from multirod.tasks.formulation import with_values
+from multirod.tasks.formulation import masked, with_values
 from multirod.tasks.limits import LimitRows, told
 from multirod.tasks.rows import Pose
 from multirod.types import Index
@@ -135,8 +135,20 @@ class Reached(Solution[Robot_co]):
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Names of the inputs that were chosen; ``inputs`` has their values."""
+        """Names of the inputs that were chosen; ``inputs`` has their values, NaN where none were found."""
         return self._aim.free
+
+    @cached_property
+    def inputs(self) -> Inputs:  # type: ignore[override]  # found when it is asked for
+        """For the drives: what was chosen, and all else as it was given. Of an instance that failed what is ``free`` is NaN, like
+        all else that was not found; ``ended_at`` says where its search ended."""
+        return masked(self._applied, self.free, self.failed)
+
+    @property
+    def ended_at(self) -> Inputs:
+        """Where searches ended: ``inputs``, and of an instance that failed the last place on the way that held, near what can be
+        reached, at which the robot need not be stable."""
+        return self._applied
 
     @cached_property
     def target_error(self) -> FloatArray:
@@ -173,7 +185,7 @@ class Reached(Solution[Robot_co]):
     @property
     def _values(self) -> FloatArray:
         """The freed numbers, shape (..., k)."""
-        return np.concatenate([getattr(self.inputs, name) for name in self.free], axis=-1)
+        return np.concatenate([getattr(self._applied, name) for name in self.free], axis=-1)
 
     @property
     def held_by(self) -> tuple[str, ...] | NDArray[np.object_]:

@@ -237,6 +237,12 @@ class Search:
         last = Place(self.last.x[rows].copy(), self.last.p[rows].copy())
         self.drive(chosen, least=0.5)
         self.status[self._not_stable(chosen)] = Status.UNSTABLE
+        missed = chosen & (self.status != REACHED)
+        if self._values["settings"][PULLED] and missed.any():  # the target comes before the middle
+            self._values["settings"][PULLED] = 0.0
+            self.drive(missed, least=0.5)
+            self.status[self._not_stable(missed)] = Status.UNSTABLE
+            self._values["settings"][PULLED] = 1.0
         now, limited = self.status[rows], before["status"] == AT_LIMIT
         nearer = np.linalg.norm(self.errors[rows], axis=1) < np.linalg.norm(before["errors"], axis=1)
         better = (now == REACHED) | ((now == AT_LIMIT) & (nearer | ~limited))
