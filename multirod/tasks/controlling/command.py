@@ -36,7 +36,7 @@ class Command(Solution[Robot_co]):
         return self._free
 
     @cached_property
-    def inputs(self) -> Inputs:  # type: ignore[override]  # found when it is asked for
+    def inputs(self) -> Inputs:
         """For the drives: what was chosen, and all else as it was given. Of a sample that failed what is free is NaN;
         ``last_good`` has a command then."""
         return masked(self._applied, self._free, self.failed)

@@ -184,7 +184,7 @@ class Kinked:
         """(20) With the lines that ``pulls`` (line,) names taut, the others slack, from ``x`` (n,); None where that is no way."""
         part, K, p = self._part, self._kinks, here.p
         try:
-            solved = -np.linalg.solve(told.gamma, np.column_stack([told.residual, told.slopes]))
+            solved = -np.asarray(np.linalg.solve(told.gamma, np.column_stack([told.residual, told.slopes])), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
         a, B = solved[:, 0], solved[:, 1:]

@@ -139,7 +139,7 @@ class Reached(Solution[Robot_co]):
         return self._aim.free
 
     @cached_property
-    def inputs(self) -> Inputs:  # type: ignore[override]  # found when it is asked for
+    def inputs(self) -> Inputs:
         """For the drives: what was chosen, and all else as it was given. Of an instance that failed what is ``free`` is NaN, like
         all else that was not found; ``ended_at`` says where its search ended."""
         return masked(self._applied, self.free, self.failed)
