@@ -46,9 +46,9 @@ class Section:
                 sections.append(mr.Section(**section, **stiffness, **axial, **heavy))
         return mr.Rod(sections=sections)
 
-    def rest(self) -> np.ndarray:
-        """Precurvature of each segment."""
-        return np.where(np.arange(self.reach)[:, None] < self.straight, 0.0, self.precurvature)
+    def rest(self, times: int = 1) -> np.ndarray:
+        """Precurvature of each segment, of so many times as many."""
+        return np.where(np.arange(self.reach * times)[:, None] < self.straight * times, 0.0, self.precurvature)
 
 
 @dataclass
@@ -87,30 +87,31 @@ class Motion:
             for name, (amplitude, rate, phase) in self.waves.items()
         }
 
-    def on_segments(self, solution: Any, time: float) -> LegEnergy:
-        """The robot on segments where a solution has it."""
+    def on_segments(self, solution: Any, time: float, times: int = 1) -> LegEnergy:
+        """The robot on segments where a solution has it, on so many times as many."""
+        count = SEGMENTS * times
         length, EI = self.length, self.sections[0][0].stiffness[0]
         legs, number = [], 0
         for k, (first, *others) in enumerate(self.sections):
-            found = solution.rod(number, nodes=SEGMENTS + 1)
+            found = solution.rod(number, nodes=count + 1)
             frames = np.array(found.rotation)
-            stretch = np.zeros(SEGMENTS + 1) if first.axial is None else found.force[:, 2] / first.axial
+            stretch = np.zeros(count + 1) if first.axial is None else found.force[:, 2] / first.axial
             end = self.platform[k].copy()
             end[:3, 3] /= length
             axial = None if first.axial is None else first.axial * length**2 / EI
-            rest = first.rest() * length
+            rest = first.rest(times) * length
             own = (1.0, first.stiffness / EI, axial, rest, np.eye(4), end, self.joints[k], self.axes[k], frames, stretch)
             if others:
                 angles = [np.zeros(0)]
                 for place, sleeve in enumerate(others, number + 1):
-                    turned = np.array(solution.rod(place, nodes=sleeve.reach + 1).rotation)
-                    relative = np.swapaxes(frames[: sleeve.reach + 1], 1, 2) @ turned
+                    turned = np.array(solution.rod(place, nodes=sleeve.reach * times + 1).rotation)
+                    relative = np.swapaxes(frames[: sleeve.reach * times + 1], 1, 2) @ turned
                     angles.append(np.unwrap(np.arctan2(relative[:, 1, 0], relative[:, 0, 0])))
                 tubes = [
-                    TubeOnNodes(np.tile(tube.stiffness / EI, (tube.reach, 1)), tube.rest() * length, 0.0, 0.0, turns)
+                    TubeOnNodes(np.tile(tube.stiffness / EI, (tube.reach * times, 1)), tube.rest(times) * length, 0.0, 0.0, turns)
                     for tube, turns in zip(self.sections[k], angles, strict=True)
                 ]
-                legs.append(TubeLeg(*own, np.linspace(0, 1, SEGMENTS + 1), tubes))
+                legs.append(TubeLeg(*own, np.linspace(0, 1, count + 1), tubes))
             else:
                 legs.append(Leg(*own))
             number += 1 + len(others)
@@ -154,7 +155,8 @@ class Motion:
                 for place, tube in enumerate(leg.others, number + 1):
                     tube.turned = turned[place] - turned[number]
             leg.__post_init__()
-            density = sum(own.density * (np.arange(SEGMENTS) < own.reach) for own in self.sections[k])
+            at = np.arange(leg.count) * SEGMENTS // leg.count
+            density = sum(own.density * (at < own.reach) for own in self.sections[k])
             along = values.get("distributed_force", np.zeros(3)) + np.multiply.outer(density, values.get("gravity", np.zeros(3)))
             leg.carry(along * length**3 / EI)
             number += len(self.sections[k])

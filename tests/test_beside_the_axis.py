@@ -4,6 +4,8 @@ which plane they bend, (32) of ``docs/held.md``."""
 import numpy as np
 import pytest
 from meant import meant
+from scipy.optimize import brentq
+from scipy.special import ellipk
 
 import multirod as mr
 
@@ -94,3 +96,19 @@ def test_its_stability_is_that_of_a_rod_that_nothing_holds_in_its_plane():
     assert abs(np.diff(angle)[0]) == pytest.approx(0.01, rel=0.02)
     margins = found.stability_margin
     assert margins[2] / margins[0] == pytest.approx(4, rel=0.1)
+
+
+def test_a_column_on_a_slide_buckles_in_the_plane_that_next_to_no_load_across_tells():
+    """Four quarters of an elastica; of 1e-7 ``EI/L^3`` half of them were ``BRANCH_END`` after 16,000 integrations."""
+    end, thrust, angles = np.eye(4), 1.05, np.array([0.4, 2.0, 3.3, 5.1])
+    end[2, 3] = LENGTH
+    robot = mr.HeldRod(ROD, end=end, slide=(0, 0, 1))
+    ways = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)
+    sizes = np.array([3e-8, 1e-7, 1e-6, 1e-4])[:, None, None]
+    pressed = (0, 0, -thrust * 4 * np.pi**2 * EI / LENGTH**2)
+    found = mr.solve(robot, robot.inputs(tip_force=pressed, distributed_force=sizes * EI / LENGTH**3 * ways)).raise_if_failed()
+    k = brentq(lambda k: 2 * ellipk(k * k) / np.pi - np.sqrt(thrust), 1e-6, 0.99)
+    middle = found.rod(0, nodes=3).position[..., 1, :2] / LENGTH
+    # the least load holds it to 1e-2 rad within the tolerance; the largest bends it by 1e-5 more
+    np.testing.assert_allclose(middle, np.broadcast_to(k / ellipk(k * k) * ways[:, :2], middle.shape), rtol=0, atol=3e-3)
+    assert (found.integrations < 500).all()

@@ -45,6 +45,7 @@ BUCKLED, TURNED, MOST = 1e-6, 0.05, 0.3
 WEIGHED, AT_MOST = 0.1, 0.5  # load in EI/L^2 by which both sides are weighed, and the part of its own that it is at most
 WEIGHING = 3  # integrations of each
 NOTED = 1e-11  # of EI/L: the least difference between their energies that is no rounding: integration errs alike in mirror images
+HARDLY = 1e-3  # load across a rod whose end slides, in EI/L^2, under which it is held in the plane that this tells
 TOUCH = 1e-3  # load in EI/L^2 by which it is told where forces draw a rod
 STIFF, FAR = 2e-3, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
 BUCKLING = 0.01  # the same of one between two balls under forces
@@ -150,6 +151,11 @@ def begin(problem: "HeldProblem") -> Begun:
             if weighed.any():
                 x, residual, gamma = _lower(problem, x, start, weighed)
             least = _least_singular_value(gamma)
+        if problem.holders.slide is not None:
+            aside = np.where(led[:, None], 0.0, drawn_aside(problem))
+            beside = aside.any(axis=1) & (np.linalg.norm(aside, axis=1) < HARDLY) & ~stuck
+            _draw(problem, aside, beside, x)
+            problem.table.beside.assign(beside.astype(np.int32) * BESIDE)
     integrations = INTEGRATIONS_AT_REST + turned + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed
     return Begun(x, residual, least, integrations, passed, beside.astype(np.int32))
 
