@@ -248,7 +248,7 @@ def test_loads_along_the_rod_and_moments_are_drawn(monkeypatch):
     loads = robot.inputs(
         distributed_force=lambda s: (0.5 * s, 0, 0), gravity=(0, 0, -9.81), tip_moment=(0, 0.05, 0), follower_force=(0, 0.2, 0)
     )
-    monkeypatch.setitem(found.__dict__, "inputs", loads)
+    monkeypatch.setitem(found.__dict__, "_applied", loads)
     ax = found.plot()
     moment, follower, distributed, gravity = labels(ax)
     assert (moment, follower) == ("tip moment 0.05 N m", "follower force 0.2 N")
