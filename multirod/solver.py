@@ -66,6 +66,7 @@ class Outcome:
         rates: Closed-loop rates of an observer [1/s], shape (instance_count, n).
         breakpoints: Of the instances that are known by their states there, as the unknowns alone do not lead to the tip.
         events: What happened on the way, of the instances whose branch ended.
+        turning: Instances that rest where symmetry leaves modes neutral.
         left: Instances that ``finish`` is to go on with.
     """
 
@@ -77,6 +78,7 @@ class Outcome:
     reached: FloatArray | None = None
     breakpoints: dict[int, Breakpoints] = field(default_factory=dict)
     events: Events = field(default_factory=dict)
+    turning: set[int] = field(default_factory=set)
     left: Left | None = None
 
     @property

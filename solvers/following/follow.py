@@ -362,5 +362,7 @@ def _report(places: IntArray, journeys: Sequence[Journey], outcome: Outcome) -> 
         outcome.status[place] = journey.status
         if journey.events and not journey.status.failed:
             outcome.events[place] = tuple(journey.events)
+        if journey.neutral and not journey.status.failed:
+            outcome.turning.add(place)
     if outcome.reached is not None:
         outcome.reached[places[~failures(outcome.status[places])]] = 1.0

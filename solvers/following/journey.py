@@ -222,12 +222,6 @@ class Journey(Walk):
         slope = self._slope_or_none(point) if self.by_tip and self.potential else None
         return slope is not None and slope.values[0] < -SOFT
 
-    def _rests(self, point: Point, neutral: int) -> Run:
-        """Whether a point is stable but for modes that symmetry leaves neutral; what loads across hold too little to be told from
-        these is one of a held rod too, whose ``Gamma`` says what they hold."""
-        judgement = yield from self._judge(point)
-        return judgement.stands and (self.slight or not self.has_tip or neutral <= judgement.soft <= max(neutral, self.hardly))
-
     # ---- leaving a branch ----
 
     def _leave(self, critical: Point) -> Run:
@@ -269,7 +263,7 @@ class Journey(Walk):
             rest = yield from self._at_rest(own, landed.level, neutral)
             if rest is None:
                 return None
-        if not (yield from self._rests(rest, neutral)) or (neutral and (yield from self._by_symmetry(rest)) != neutral):
+        if not (yield from self._rests(rest, neutral, landed)):
             return None
         status = yield from self._kind(critical, beyond, landed, first)
         if status is None:

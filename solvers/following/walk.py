@@ -145,31 +145,52 @@ class Walk:
         except Unfit:
             return None
 
+    def _rests(self, point: Point, neutral: int, clamped: Point) -> Run:
+        """Whether a point is stable but for modes that symmetry leaves neutral; what loads across hold too little to be told from
+        these is one of a held rod too, whose ``Gamma`` says what they hold."""
+        judgement = yield from self._judge(point)
+        told = self.slight or not self.has_tip or neutral <= judgement.soft <= max(neutral, self.hardly)
+        if not (judgement.stands and told):
+            return False
+        return not neutral or (yield from self._by_symmetry(point, clamped)) == neutral
+
     # ---- along a branch ----
 
-    def _by_symmetry(self, point: Point) -> Run:
-        """Modes that are neutral at a point and near it: those that symmetry leaves so."""
+    def _by_symmetry(self, point: Point, clamped: Point | None = None) -> Run:
+        """Modes that are neutral at a point and near it: those that symmetry leaves so.
+
+        A strut between a ball and a universal joint that has buckled turns about its chord, and neither end tells how far it is
+        bent: then the same point does, ``clamped``.
+        """
         slope = self._slope_or_none(point) if self.has_tip else None
+        told = point
+        if slope is None and clamped is not None and len(clamped.unknowns) > len(point.unknowns):
+            told, slope = clamped, self._slope_or_none(clamped)
         if slope is None:
             return 0
         count = slope.neutral
         for k in np.argsort(np.abs(slope.values))[:count].tolist():
             for turn in ASIDE:
-                step = slope.change(turn * slope.modes[:, k])
-                if (yield from self._neutral_along(point, slope.modes[:, k], step, turn, count)):
+                step = slope.change(turn * slope.modes[:, k])[: len(point.unknowns)]
+                if (yield from self._neutral_along(point, told, slope.modes[:, k], step, turn, count)):
                     break
             else:
                 return 0
         return count
 
-    def _neutral_along(self, point: Point, mode: FloatArray, step: FloatArray, turn: float, count: int) -> Run:
-        """Whether an equilibrium with as many neutral modes is a step along one of them, that turns what it turns by so much."""
+    def _neutral_along(self, point: Point, told: Point, mode: FloatArray, step: FloatArray, turn: float, count: int) -> Run:
+        """Whether an equilibrium with as many neutral modes is a step along one of them, that turns what it turns by so much, as
+        the same point tells it, with clamps or without."""
         found, _ = yield from self._correct(point.unknowns + step, point.level, count)
-        there = None if found is None else self._slope_or_none(found)
-        if found is None or there is None or there.neutral < count:
+        if found is None:
+            return False
+        clamps = np.zeros(len(told.unknowns) - len(point.unknowns))
+        there = (yield from self._at(np.append(found.unknowns, clamps), point.level)) if len(clamps) else found
+        slope = self._slope_or_none(there)
+        if slope is None or slope.neutral < count:
             return False
         # what moves need not be the tip
-        turned = point.turned[: len(mode)] @ (found.unknowns - point.unknowns)
+        turned = told.turned[: len(mode), : len(point.unknowns)] @ (found.unknowns - point.unknowns)
         return bool(abs(mode @ turned) >= 0.5 * turn)
 
     def _along(self, start: Point, neutral: int, origin: Point | None = None) -> Run:

@@ -181,11 +181,11 @@ def lowest_stable(
 ) -> None:
     """Put the instances ``lost`` on their stable equilibrium of lowest potential energy, if one is found.
 
-    Their status is then ``LOWEST_ENERGY``; what is unstable, neutral or cannot be said is never taken. They are told apart in
-    double precision, and left so. Newton's method starts from many points; what comes apart is put together at several places
-    (``settle``), ``go_on`` leads on from where that ends, and where its loads have no potential, that is done without them: then
-    they are raised, in ``max_steps`` at most. Of mirror images it is the one on the positive side, or for a ``side`` of -1 the
-    other, by (5) of ``docs/branches.md``.
+    Their status is then ``LOWEST_ENERGY``; what is unstable, neutral but by symmetry, or cannot be said is never taken. They are
+    told apart in double precision, and left so. Newton's method starts from many points; what comes apart is put together at
+    several places (``settle``), ``go_on`` leads on from where that ends, and where its loads have no potential, that is done
+    without them: then they are raised, in ``max_steps`` at most. Of mirror images it is the one on the positive side, or for a
+    ``side`` of -1 the other, by (5) of ``docs/branches.md``.
     """
     stability, parts = problem.stability, problem.parts
     if stability is None or not stability.multistable or parts is None or problem.starts is None or not lost.any():
@@ -245,7 +245,9 @@ def _search(problem: BoundaryProblem, newton: Newton, *, go_on: GoOn, side: int)
     before = problem.read("unknowns")
     apart = problem.joints is not None
     catalogues = _settled(problem, newton, outcome, go_on) if apart else _converged(problem, newton, outcome)
-    best, chosen = _lowest(problem, catalogues, before, outcome, side)
+    # what falls may come to rest where symmetry leaves a mode neutral, which was found to be so
+    rests = (Stability.STABLE, Stability.FOLD) if apart else (Stability.STABLE,)
+    best, chosen = _lowest(problem, catalogues, before, outcome, side, rests)
     chosen &= outcome.status != Status.INTEGRATION_LIMIT
     problem.write("unknowns", np.where(chosen[:, None], best, before))
     newton.run(chosen)
@@ -277,7 +279,9 @@ def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome, go_on: 
         np.add.at(outcome.iterations, rows, counts.iterations)
         np.add.at(outcome.integrations, rows, counts.integrations)
         unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
-        stable = ~failures(counts.status) & (_stability(trial).modes().stability == Stability.STABLE)
+        stability = _stability(trial).modes().stability
+        turning = np.isin(np.arange(len(rows)), list(counts.turning)) & (stability == Stability.FOLD)
+        stable = ~failures(counts.status) & ((stability == Stability.STABLE) | turning)
         for row in np.flatnonzero(stable):
             catalogues[rows[row]].add(unknowns[row], gamma[row])
         open_ = open_[[not catalogues[i].unknowns for i in open_]]
@@ -320,9 +324,15 @@ def _converged(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> li
 
 
 def _lowest(
-    problem: BoundaryProblem, catalogues: Sequence[Catalogue], unknowns: FloatArray, outcome: Outcome, side: int
+    problem: BoundaryProblem,
+    catalogues: Sequence[Catalogue],
+    unknowns: FloatArray,
+    outcome: Outcome,
+    side: int,
+    rests: Sequence[Stability],
 ) -> tuple[FloatArray, Any]:
-    """The stable equilibria of lowest potential energy in place of ``unknowns``, and of which instances there is one.
+    """The equilibria of lowest potential energy whose stability is one of ``rests`` in place of ``unknowns``, and of which
+    instances there is one.
 
     Below any equilibrium there is a stable one, as energies are bounded. So where one that is not stable, or not known to be, is
     lower than all that are, the lowest was missed, and there is none. Of mirror images it is that to the ``side``. The
@@ -341,7 +351,7 @@ def _lowest(
             stability = analysis.modes().stability
             potential = analysis.potential()
         outcome.integrations += having
-        stable, rounding = having & (stability == Stability.STABLE), ALIKE * np.abs(potential)
+        stable, rounding = having & np.isin(stability, rests), ALIKE * np.abs(potential)
         better = stable & (potential < least - rounding)
         alike = stable & ~better & (potential <= least + rounding)  # mirror images
         if alike.any():
