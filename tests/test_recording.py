@@ -404,6 +404,11 @@ def test_save_refuses_bad_arguments(history, tmp_path):
         save(file, history, reference="truth")
     with pytest.raises(ValueError, match=r"save\.reference = .* samples of the history"):
         save(file, history, reference=make_history(7))
+    robot = make_robot()
+    for shape, times in (((2, 0, 1), [0.0, 0.1]), ((0, 1), [])):
+        none = mr.simulate(robot, robot.inputs(rotation=np.zeros(shape)), time=times, solver=SOLVER)
+        with pytest.raises(ValueError, match=r"save\.history = .* must have a sample"):
+            none.save(file)
     for options in ({"nodes": 1}, {"instances": 0}, {"force_scale": -1.0}, {"force_scale": np.nan}, {"name": ""}, {"name": 3}):
         (field,) = options
         with pytest.raises(ValueError, match=rf"save\.{field} = .* is not allowed: must be"):

@@ -75,6 +75,8 @@ def save(
     node_count = positive_int("save.nodes", nodes, 2)
     count = positive_int("save.instances", instances)
     scale = _force_scale("save.force_scale", force_scale)
+    if not math.prod(history.batch_shape):
+        refuse("save.history", history, "must have a sample, of an instance")
     if np.abs(history.time).max() > LONGEST:
         refuse("save.history", history, f"its times must be within {LONGEST:g} s of zero")
     title = _name("save.name", name, file.stem)
