@@ -173,6 +173,32 @@ def test_holes_push_on_their_bodies():
     hold_bodies(robot, mr.solve(robot, robot.inputs(**ON_THREADED), solver=EXACT), ON_THREADED)
 
 
+def test_a_stub_is_a_hinge_of_a_body_on_the_ground():
+    """A bar on a hinge and an upright wire, its weight in the middle: each bears half, and the hinge no moment about its axis."""
+    short, high = 0.02, 0.3
+    wire = mr.Rod.wire(length=high, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)
+    stiff = 50 * float(np.max(wire.sections[0].bending_stiffness))
+    stub = mr.Rod(length=short, bending_stiffness=stiff, torsional_stiffness=stiff)
+    bar = mr.Body("bar", mass=0.1, mass_centre=(0.1, 0, 0))
+    foot, far = np.eye(4), np.eye(4)
+    foot[2, 3], far[0, 3] = high - short, 0.2
+    joints = [
+        mr.Joint("stub", "base", to=mr.ground, pose=foot),
+        mr.Joint("stub", "tip", to=bar, kind="revolute", axis=(0, 1, 0)),
+        mr.Joint("wire", "base", to=mr.ground, pose=far),
+        mr.Joint("wire", "tip", to=bar, pose=far, kind="spherical"),
+    ]
+    robot = mr.Network(rods={"stub": stub, "wire": wire}, bodies=[bar], joints=joints)
+    solution = mr.solve(robot, robot.inputs(gravity=(0, 0, -9.81)))
+    assert solution.status == mr.Status.CONVERGED
+    assert solution.integrations < 20
+    hinge = solution.wrench("stub", "tip")
+    # what the default tolerance leaves of residuals
+    np.testing.assert_allclose(hinge.force, (0, 0, 0.5 * 9.81 * 0.1), atol=1e-7)
+    np.testing.assert_allclose(hinge.moment, 0, atol=1e-8)
+    np.testing.assert_allclose(solution.joint_angle("stub tip"), 0, atol=1e-9)
+
+
 def test_torques_at_bases_are_the_slope_of_the_potential(difference):
     """(24), of tubes behind their plate, rods and legs; turned off what would be symmetric."""
     stiff = {"bending_stiffness": 0.02, "torsional_stiffness": 0.015}
