@@ -340,6 +340,24 @@ def inverse_inputs(inverse, pose, **loads):
     return inverse.inputs(platform_position=pose.tip_position, platform_rotation=turn, **loads)
 
 
+def test_where_a_branch_ends_the_inverse_problem_begins_with_straight_legs():
+    """(10b) Two of these heights were ``BRANCH_END``, of legs that buckle on the way down; again from other translations."""
+    robot = hexapod()
+    inverse = robot.inverse(limits=(-0.3, 0.3))
+    poses = np.zeros((5, 3))
+    poses[:, 2] = np.linspace(0.2, 0.6, 5)
+    given = {"platform_position": poses, "tip_force": (0, 0, -8)}
+    straight = np.linalg.norm(poses[:, None] + robot.platform[:, :3, 3] - robot.base[:, :3, 3], axis=-1) - robot.legs[0].length
+    begun = mr.solve(inverse, inverse.inputs(translation=straight, **given)).raise_if_failed()
+    for translation in (0.0, 0.02 * np.arange(6)):
+        found = mr.solve(inverse, inverse.inputs(translation=translation, **given)).raise_if_failed()
+        np.testing.assert_allclose(inverse.translations(found), inverse.translations(begun), rtol=0, atol=1e-8)
+        there = mr.solve(robot, robot.inputs(translation=inverse.translations(found), tip_force=(0, 0, -8)))
+        np.testing.assert_allclose(there.tip_position[2:], poses[2:], rtol=0, atol=1e-7)
+        assert (found.stability == mr.Stability.STABLE).all()
+        assert found.integrations.max() < 300
+
+
 @pytest.fixture(scope="module")
 def pressed():
     """A hexapod pressed down until it has lost its stability: each leg buckles between clamps at 4 pi^2 EI/L^2, 232 N for six."""

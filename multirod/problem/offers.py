@@ -176,6 +176,11 @@ class Offers(Buffers):
         """Unknowns, by their numbers, at whose zero the residual has a kink at the full load, and none at less."""
         return np.zeros(0, dtype=np.intp)
 
+    def begun_otherwise(self) -> tuple[FloatArray, FloatArray] | None:
+        """Inputs, shape (instance_count, size), at which the problem has the same equilibria and another natural branch leads to
+        them; and by how much unknowns are more, (instance_count, n), at its own inputs. None where there are none."""
+        return None
+
     @property
     def kink_inputs(self) -> NDArray[np.intp]:
         """Inputs, by their numbers, that let out what has ``kinks`` where they are lower."""

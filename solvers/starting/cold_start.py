@@ -118,6 +118,7 @@ class ColdStart:
         if not self.lost.any():
             return self.outcome
         with self._searching():
+            self._begin_otherwise()
             self._put_together()
         # the poses that it finds are not those of the unknowns: nothing may integrate these again
         if self.handed.any() and self.outcome.reached is not None:
@@ -166,6 +167,34 @@ class ColdStart:
         steps = self.options.max_continuation_steps
         self.unbounded = let_out(problem, newton, outcome, at_end, lambda some: natural_branch(problem, newton, steps, some))
         outcome.status[self.unbounded] = Status.LINES_TOO_SHORT  # no fold or bifurcation to be followed
+
+    def _begin_otherwise(self) -> None:
+        """Along another natural branch, of what has two, where the first ended."""
+        problem, outcome, newton = self.problem, self.outcome, self.newton
+        lost = self.lost & (outcome.status == Status.BRANCH_END)
+        other = problem.begun_otherwise() if lost.any() else None
+        if other is None:
+            return
+        asked, before = problem.read("inputs"), problem.read("unknowns")
+        problem.write("inputs", np.where(lost[:, None], other[0], asked))
+        newton.allow(self._allowed)
+        found = natural_branch(problem, newton, self.options.max_continuation_steps, lost)
+        there = lost & ~failures(found.status)
+        problem.write("inputs", asked)
+        problem.write("unknowns", np.where(there[:, None], problem.read("unknowns") + other[1], before))
+        for name in ("iterations", "integrations"):
+            getattr(outcome, name)[lost] += getattr(found, name)[lost]
+        if not there.any():
+            return
+        newton.allow(self._allowed)
+        newton.run(there)  # at the inputs that were asked for
+        again = newton.outcome()
+        for name in ("iterations", "integrations"):
+            getattr(outcome, name)[there] += getattr(again, name)[there]
+        there &= ~failures(again.status)
+        outcome.status[there] = Status.CONVERGED
+        newton.allow(self._allowed)
+        refine(problem, newton, outcome, there)
 
     def _put_together(self) -> None:
         """By joints that close, and where several stable equilibria are meant, to the lowest one."""

@@ -5,6 +5,7 @@ Equation numbers are those of ``docs/parallel.md``.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -14,6 +15,7 @@ from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
+from multirod.models.platform.buffers import batched
 from multirod.models.platform.starting.beam_kernels import (
     ARM_AT,
     BEAM_SIZE,
@@ -26,6 +28,9 @@ from multirod.models.platform.starting.beam_kernels import (
 )
 from multirod.rotations import cross, vectors
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.platform.problem import ParallelProblem
 
 # In L^3/EI, added to the tips of beams in all directions: one that is straight and inextensible gives way along itself by
 # bending, once it has bent, and how much depends on how far it has to.
@@ -253,3 +258,17 @@ def nearest_rotation(matrices: FloatArray) -> FloatArray:
 def rotation_vectors(rotations: FloatArray) -> FloatArray:
     """Rotation vectors (..., 3) of rotations (..., 3, 3)."""
     return np.asarray(vectors(rotations.reshape(-1, 3, 3)).reshape(rotations.shape[:-1]))
+
+
+def straight_legs(problem: "ParallelProblem") -> tuple[FloatArray, FloatArray]:
+    """(10b) Of the inverse problem: inputs by which legs are as long as straight from base to attachment where they begin, and by
+    how much unknowns are more at the problem's own."""
+    asked, own, geometry = problem.read("inputs"), problem.input_slice("translation"), problem.geometry
+    position, rotation = problem.pose()
+    legs = len(geometry.legs)
+    base, attached = (batched(problem, poses, (legs, 4, 4))[:, :, :3, 3] for poses in (geometry.base, geometry.platform))
+    ends = position[:, None] + (rotation[:, None] @ attached[..., None])[..., 0]
+    begun, length, more = asked.copy(), problem.length[:, :-1], np.zeros((problem.instance_count, problem.unknown_count))
+    begun[:, own] = np.linalg.norm(ends - base, axis=-1) - length
+    more[:, problem.platform] = (begun - asked)[:, own] / length**2
+    return begun, more
