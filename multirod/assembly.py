@@ -216,6 +216,7 @@ class Assembly(ReadOnly, ABC):
         unknown_names("the robot", inputs.given, (spec.name for spec in self.input_specs))
         inputs.refuse_others(field, type(self).__name__, self.input_specs, self.rod_count)
         self._check_axes(inputs)
+        inputs.refuse_missing()
         self.check(inputs)
         inputs.checked_by(self)
         return inputs

@@ -16,7 +16,7 @@ from multirod.naming import unknown_names
 from multirod.profile import Profile, fit
 from multirod.read_only import ReadOnly
 from multirod.types import Index
-from multirod.validation import Described, FloatArray, array, refuse
+from multirod.validation import Described, FloatArray, array, first_of, refuse
 
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
@@ -150,6 +150,13 @@ class Inputs(ReadOnly):
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_checked"}
+
+    def refuse_missing(self) -> None:
+        """Refuse NaN, which stands where a task found nothing: ``reached.inputs`` of what failed."""
+        for name, values in self._arrays.items():
+            lost = np.isnan(values)
+            if lost.any():
+                refuse(name, first_of(lost, values, values), "must be finite: a task that failed has found none; ask its status")
 
     def checked_by(self, robot: "Assembly") -> None:
         """Note that a robot takes them."""

@@ -321,6 +321,10 @@ def test_no_search_ends_farther_off_than_it_began(start):
         np.testing.assert_array_equal(getattr(found.inputs, name)[~found.failed], getattr(found.ended_at, name)[~found.failed])
     assert np.isfinite(found.inputs.tip_force).all()
     assert np.isnan(found[found.failed].inputs.rotation).all()
+    with pytest.raises(ValueError, match="(?s)rotation = .* a task that failed has found none"):
+        mr.solve(TUBES, found.inputs, solver=SOLVER)
+    again = mr.reach(TUBES, pose, free=FREE, guess=found, solver=SOLVER)
+    np.testing.assert_array_equal(again.status[found.failed], found.status[found.failed])  # of a start that failed its status
 
 
 def test_a_target_whose_equilibrium_is_past_a_fold_is_unstable():

@@ -97,7 +97,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         method, device = RK45() if integrator is None else integrator, device_name("Controller.device", device)
         instance("Controller.integrator", method, Integrator, "an Integrator, such as RK4(50)")
         expect(make_control, device)
-        given = robot.accept(guess.inputs if inputs is None and guess is not None else inputs)
+        given = robot.accept(guess._applied if inputs is None and guess is not None else inputs)
         if given.batch_shape or robot.batch_shape:
             refuse("Controller.inputs", Described(f"leading axes {given.batch_shape}"), "there must be none")
         given = given.with_arrays(given.arrays | self._zeros(given))

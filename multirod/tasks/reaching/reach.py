@@ -108,7 +108,7 @@ def reach(
         instance("limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
     known = asked_before(robot, limits, free)
     free = freed("free", robot, free) if known is None else tuple(free)
-    given = robot.accept(guess.inputs if inputs is None and guess is not None else inputs)
+    given = robot.accept(guess._applied if inputs is None and guess is not None else inputs)
     if given.profiles:
         for name in free:
             if name in given.profiles:
