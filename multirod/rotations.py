@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from multirod.batch import IntArray
 from multirod.validation import FloatArray, first_of, refuse
 
 _SMALL = 1e-3  # angle below which quotients are series, right to rounding
@@ -10,9 +11,15 @@ BACK = -0.5  # cosine below which it is not its quotient by the sine that is tak
 AIMLESS = 1e-12  # sine below which no direction is the shorter way back, and one is taken
 SIDEWAYS = 1e-2  # least sine in derivatives by turns that do not lead back: others are not to be lost beside these
 ORTHOGONAL = 1e-8  # what R R^T of a rotation may be off the identity
+ALONG = 0.1  # of the most along an axis: what tells to what side something goes
 DIGITS_CUT = 0.02  # by which R R^T is off the identity at most where digits of a rotation were cut
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 _CROSSED = np.array([[6, 5, 1], [2, 6, 3], [4, 0, 6]])  # where in ``(a, -a, 0)`` the numbers of ``[a]x`` are
+
+
+def leading_axis(sizes: FloatArray) -> IntArray:
+    """(5) of ``docs/branches.md``: the first of x, y and z along which, of sizes (..., 3), there is enough to tell the side."""
+    return np.asarray(np.argmax(sizes >= ALONG * sizes.max(axis=-1, keepdims=True), axis=-1))
 
 
 def is_rotation(R: FloatArray, most: float = ORTHOGONAL) -> bool:

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from multirod.models.held.costless import AXIS, acting, force_along, on_axis
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
-from multirod.rotations import cross, matrices
+from multirod.rotations import cross, leading_axis, matrices
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.held.problem import HeldProblem
 
-FIRST = 0.1  # part of a direction, that its first of x, y, z is at least, which tells its sign
 ALONG = 0.99  # cosine of the angle between axes that are taken for one
 # of the length, and of how far its middle moves, the end may stand beside the axis, turned across it by as much [rad]
 BESIDE, BESIDE_BEND = 1e-2, 0.1
@@ -107,7 +106,7 @@ def to_side(problem: "HeldProblem", axis: FloatArray) -> FloatArray:
     """An axis (instance_count, 3) of the base or minus that: the rod that bends about it goes to the side asked for, by (5) of
     ``docs/branches.md``."""
     moves = np.einsum("bij,bj->bi", problem.base_frame, cross(axis, AXIS))
-    first = np.argmax(np.abs(moves) >= FIRST * np.abs(moves).max(axis=1, keepdims=True), axis=1)
+    first = leading_axis(np.abs(moves))
     return np.asarray(axis * problem.side * np.sign(moves[np.arange(len(moves)), first])[:, None])
 
 

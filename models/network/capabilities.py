@@ -15,7 +15,7 @@ from multirod.models.network.closing import ARRAYS
 from multirod.models.network.derivatives.along import at_rates, by_network
 from multirod.models.network.derivatives.designs import by_numbers
 from multirod.models.network.elements import records
-from multirod.problem import Shape
+from multirod.problem import Shape, nodes_of_pieces
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class NetworkShapes(Shapes):
             base = state.ends[0]
             for group in problem.groups:
                 pieces = int(slides.pieces[group.members[0]])
-                for nodes in {max(2, node_count // pieces), max(2, -(-node_count // pieces))}:
+                for nodes in set(nodes_of_pieces(node_count, pieces)):
                     shapes, own = group.backbones.shapes.at_nodes(nodes)
                     for (place, rod), (tube, shape) in product(enumerate(group.members.tolist()), enumerate(shapes)):
                         values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
@@ -120,13 +120,12 @@ def _joined(pieces: list[dict[int, dict[str, FloatArray]]], node_count: int) -> 
     """The shape of a rod by those of its pieces, each at one or two counts of nodes: two nodes stand at each hole."""
     if len(pieces) == 1:
         return Shape(**pieces[0][node_count])
-    fewest, most = min(pieces[0]), max(pieces[0])
-    more = node_count - fewest * len(pieces)
-    parts = [dict(own[most if k < more else fewest]) for k, own in enumerate(pieces)]
+    counts = nodes_of_pieces(node_count, len(pieces))
+    parts = [dict(own[count]) for own, count in zip(pieces, counts, strict=True)]
     whole = np.cumsum([np.zeros_like(parts[0]["arclength"][:, 0]), *(part["arclength"][:, -1] for part in parts)], axis=0)
     for part, below in zip(parts, whole, strict=False):
         part["arclength"] = part["arclength"] + below[:, None]
-    kept = slice(None) if more >= 0 else np.linspace(0, fewest * len(pieces) - 1, node_count).round().astype(int)
+    kept = slice(None) if sum(counts) == node_count else np.linspace(0, sum(counts) - 1, node_count).round().astype(int)
     return Shape(**{name: np.concatenate([part[name] for part in parts], axis=1)[:, kept] for name in parts[0]})
 
 

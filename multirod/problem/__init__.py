@@ -11,7 +11,7 @@ from multirod.problem.boundary import (
 from multirod.problem.buffers import SMALL, Buffers
 from multirod.problem.inputs import PosesSensed, Sensing
 from multirod.problem.offers import STILL, neutral_ways
-from multirod.problem.shapes import LineShape, Shape
+from multirod.problem.shapes import LineShape, Shape, nodes_of_pieces
 
 __all__ = [
     "DOUBLE_ROUNDING",
@@ -28,4 +28,5 @@ __all__ = [
     "Sensing",
     "Shape",
     "neutral_ways",
+    "nodes_of_pieces",
 ]

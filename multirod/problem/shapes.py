@@ -40,6 +40,12 @@ class Shape:
         return f"Shape({', '.join(f'{name} {value.shape}' for name, value in vars(self).items())})"
 
 
+def nodes_of_pieces(node_count: int, pieces: int) -> list[int]:
+    """How many nodes each piece of a rod has that slides through holes, two at least: those below have one more."""
+    fewest, more = divmod(node_count, pieces)
+    return [max(2, fewest + (k < more)) for k in range(pieces)]
+
+
 @dataclass(frozen=True)
 class LineShape:
     """A line on nodes evenly spaced along its rod; read-only, NaN where the line is not.

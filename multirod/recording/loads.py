@@ -115,7 +115,7 @@ def spread(assembly: Assembly) -> list[DrawnLoad]:
     along = [
         DrawnLoad("along", path, *SPREAD, rods=some, given_by=acting_on(some)) for path, (_, some) in zip(paths, own, strict=True)
     ]
-    return [*along, *(load for load in _weights(assembly) if load.mass > 0)]
+    return [*along, *_weights(assembly)]
 
 
 def _weights(assembly: Assembly) -> list[DrawnLoad]:
@@ -129,6 +129,7 @@ def _weights(assembly: Assembly) -> list[DrawnLoad]:
             "weight", ("weight", name), *SPREAD, place=k, mass=mass, mass_centre=tuple(centre.tolist()), given_by=("gravity",)
         )
         for k, (name, mass, centre) in enumerate(bodies)
+        if mass > 0
     ]
 
 
@@ -191,12 +192,8 @@ def along_rods(
 
     They are as long as the longest of them, and beyond it there is nothing.
     """
-    own = [shapes[k] for k in load.rods]
-    end = longest(np.stack([shape["arclength"][..., -1] for shape in own], axis=-1))[..., None, None, None]
-    position, force = (np.stack([shape[name] for shape in own], axis=-3) for name in ("position", "total_force"))
-    rotation = np.stack([shape["rotation"] for shape in own], axis=-4)
+    position, rotation, force = furthest([shapes[k] for k in load.rods], "position", "rotation", "total_force")
     force = np.einsum("...ij,...j->...i", rotation, force)
-    position, force = (np.take_along_axis(values, end, axis=-3)[..., 0, :, :] for values in (position, force))
     acts = force[..., :-1, :] - force[..., 1:, :]
     size = np.linalg.norm(acts, axis=-1, keepdims=True)
     with np.errstate(invalid="ignore"):
@@ -243,11 +240,18 @@ def place_of(solution: Solution, robot: Network, place: int, *, nodes: int | Non
     frame = place - len(graph.bodies) - len(graph.free)
     if frame >= 0:
         return solution.body_position(graph.frames[frame]), solution.body_rotation(graph.frames[frame])
-    shapes = [solution.rod(k, nodes=nodes) for k in robot.tubes_of(name)]
-    end = longest(np.stack([shape.arclength[..., -1] for shape in shapes], axis=-1))
-    position = np.stack([shape.position[..., -1, :] for shape in shapes], axis=-2)
-    rotation = np.stack([shape.rotation[..., -1, :, :] for shape in shapes], axis=-3)
-    return (
-        np.take_along_axis(position, end[..., None, None], axis=-2)[..., 0, :],
-        np.take_along_axis(rotation, end[..., None, None, None], axis=-3)[..., 0, :, :],
-    )
+    shapes = [vars(solution.rod(k, nodes=nodes)) for k in robot.tubes_of(name)]
+    position, rotation = furthest(shapes, "position", "rotation")
+    return position[..., -1, :], rotation[..., -1, :, :]
+
+
+def furthest(shapes: Sequence[Mapping[str, FloatArray]], *names: str) -> list[FloatArray]:
+    """Fields of that of some concentric rods which reaches furthest, as it has them."""
+    ends = np.stack([shape["arclength"][..., -1] for shape in shapes], axis=-1)
+    end, axis = longest(ends), ends.ndim - 1
+    found = []
+    for name in names:
+        values = np.stack([shape[name] for shape in shapes], axis=axis)
+        chosen = end.reshape(*end.shape, *(1,) * (values.ndim - end.ndim))
+        found.append(np.take_along_axis(values, chosen, axis=axis).squeeze(axis))
+    return found

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from multirod.assembly import Backbone, Robot_co
+from multirod.models.backbone.kernels.tips import as_far, longest
 from multirod.naming import meant
+from multirod.problem import nodes_of_pieces
 from multirod.results.jointed import Jointed
 from multirod.rotations import cross
 from multirod.types import Numbers
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
     from multirod.problem import Shape
 
 ON_TIP = ("tip_force", "tip_moment")
-SAME_PLACE = 1e-12  # [m]: tubes that end as close end at one place
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ class Wrenches(Jointed[Robot_co]):
     def _at_tip(self, shapes: "tuple[Shape, ...]") -> tuple[FloatArray, ...]:
         """What acts on the holder of a tip, where those rods end that reach as far as any."""
         ends = np.stack([shape.arclength[:, -1] for shape in shapes], axis=1)
-        first, there = ends.argmax(axis=1), ends >= ends.max(axis=1, keepdims=True) - SAME_PLACE
+        first, there = longest(ends), as_far(ends, ends.max(axis=1, keepdims=True))
         rows = np.arange(len(ends))
         force, moment, position = (np.stack(v, axis=1) for v in zip(*(_in_world(shape, -1) for shape in shapes), strict=True))
         result = -force[rows, first], -(there[..., None] * moment).sum(axis=1), position[rows, first]
@@ -123,9 +124,7 @@ class Wrenches(Jointed[Robot_co]):
         pieces = own.holes + 1
         count = max(self._default_node_count, 2 * pieces)
         shape = self._shape_pass(count)[0][own.rods][0]
-        sizes = np.full(pieces, count // pieces)
-        sizes[: count - sizes.sum()] += 1
-        above = int(sizes[: hole + 1].sum())
+        above = sum(nodes_of_pieces(count, pieces)[: hole + 1])
         below, beyond = _in_world(shape, above - 1), _in_world(shape, above)
         return self._as_given((beyond[0] - below[0], beyond[1] - below[1], below[2]))
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
+from multirod.rotations import leading_axis
 from multirod.solvers.following.descent import SOFT, Point, Slope, Unfit
 from multirod.solvers.following.many import alike
 from multirod.solvers.following.requests import Clamp, Run, Settle
@@ -31,7 +32,7 @@ NEAR = 5.0  # turn to a branch that leaves, over the root of how unstable the ot
 DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
 KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
 TOGETHER = 1e-2  # of the lowest: modes that close to it vanish with it
-ALONG = 0.1  # of its largest component, that the tip's way must be along an axis to count
+TELLS = 0.1  # of the longest way of any place, that the tip's must be to count
 STILL = 1e-3  # of how a rod moves: a tip that moves as little is held
 FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
 APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
@@ -345,9 +346,9 @@ class Journey(Walk):
         modes = slope.modes[:, :count]
         places = beyond.moved @ slope.change(modes)
         reach = np.linalg.norm(places, axis=(1, 2))
-        moves = places[-1 if reach[-1] >= ALONG * reach.max() else int(np.argmax(reach > (1 - ALONG) * reach.max()))]
+        moves = places[-1 if reach[-1] >= TELLS * reach.max() else int(np.argmax(reach > (1 - TELLS) * reach.max()))]
         size = np.linalg.norm(moves, axis=1)
-        axis = int(np.argmax(size >= ALONG * size.max()))
+        axis = int(leading_axis(size))
         with np.errstate(invalid="ignore"):  # where no mode moves the tip there is no way out, and none is found
             return self.side * KICK * modes @ (moves[axis] / size[axis]), False
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.problem import BoundaryProblem
+from multirod.rotations import leading_axis
 from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.newton.iteration import Newton
@@ -31,7 +32,7 @@ SETTLED, SETTLED_ROUND = 16, 4  # places at which what comes apart is put togeth
 LAST = 50  # integrations of a place that come after its branch is followed, or tell what it leads to: as many are kept back
 ALIKE = 1e-9  # part of their energy, by which that of mirror images may differ
 SEEN_AT = 5  # nodes of each rod, at which these are told apart
-FIRST = 0.1  # part of how far they are apart, that the tips of these, and they along an axis, must be to tell
+TELLS = 0.1  # part of how far they are apart, that the tips of these must be to tell
 PATIENCE = 25  # integrations from a start: what converges takes 5 to 15
 
 
@@ -379,5 +380,5 @@ def goes_to(apart: FloatArray, side: int) -> bool:
     """(5) of ``docs/branches.md``: whether places (node, 3) that are so far ``apart`` from those of a mirror image, the tip last,
     are on the positive side of it, or for a ``side`` of -1 on the negative one."""
     sizes = np.linalg.norm(apart, axis=1)
-    way = apart[-1 if sizes[-1] >= FIRST * sizes.max() else int(sizes.argmax())]
-    return bool(side * way[int(np.argmax(np.abs(way) >= FIRST * np.abs(way).max()))] > 0)
+    way = apart[-1 if sizes[-1] >= TELLS * sizes.max() else int(sizes.argmax())]
+    return bool(side * way[int(leading_axis(np.abs(way)))] > 0)
