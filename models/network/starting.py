@@ -161,7 +161,7 @@ def _turned(problem: "NetworkProblem", state: "State") -> FloatArray:
 
 
 def _place(problem: "NetworkProblem", x: FloatArray) -> "State":
-    """(13) Bodies by the rods as they were integrated, and the angles of joints at tips by both; all but these angles as it is
+    """(13) Bodies by the rods as they were integrated, and the angles of joints at tips by both; bodies and bases as they are
     then."""
     shape = (problem.instance_count, problem.rod_count)
     tip, turn = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
@@ -179,7 +179,10 @@ def _place(problem: "NetworkProblem", x: FloatArray) -> "State":
     apart = base.position + (base.rotation @ tip[..., None])[..., 0] - end.position
     moved = (inward @ apart[..., None])[..., 0] + end.joints.moved
     _set_angles(problem, x, problem.layout.angles_at[1], problem.graph.ends[1].table.fitted(inward @ base.rotation @ turn, moved))
-    return state
+    if not problem.graph.slides.count:
+        return state
+    problem.write("unknowns", x)
+    return problem.state()  # the angle of a hole turns the base of the piece above it too
 
 
 def _set_angles(problem: "NetworkProblem", x: FloatArray, at: slice, angles: FloatArray) -> None:
