@@ -11,6 +11,7 @@ from multirod.models.platform.problem import ParallelProblem
 from multirod.models.platform.starting.guess import BeamEquilibrium, _joint_stiffness, fitted_platform
 from multirod.problem import BoundaryProblem
 from multirod.solvers.continuation.paths import SINGULAR, Paths
+from multirod.status import Fault
 
 ROD = mr.Rod(
     length=0.3, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.015, precurvature=(1.0, 0.4, 0), linear_density=0.05
@@ -721,6 +722,18 @@ def test_a_question_to_a_solution_costs_one_integration(monkeypatch, question, f
     if question not in ("stability", "potential"):
         assert np.isfinite(answer[0]).all()
         assert np.isnan(answer[1]).all() == failed
+
+
+@pytest.mark.parametrize("first", [1e5, 1e6, 1e10, 1e20])
+def test_equal_steps_that_overflow_end_soon(first):
+    """A leg took 65,536 before it failed, as they become shorter: a search that tries what is far off took minutes."""
+    parallel = SCENES["two rods"]()
+    problem = parallel.problem(parallel.inputs(**LOADS), integrator=FEW, pose_sensitivities=True, direction_count=1)
+    x = problem.guess()
+    x[:, 0] = first
+    problem.evaluate(x)
+    assert problem.fault.numpy()[0] == Fault.NONFINITE
+    assert problem.step_count.numpy()[0] <= 3 * FEW.steps * len(parallel.legs)  # twice those of a leg, and of its few stretches
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -182,7 +182,7 @@ class BackboneProblem(BoundaryProblem):
         if may_be_bounded(self):
             expect(make_mode_bounds, device)
         self._found: dict[str, tuple[bytes, NDArray[Any]]] = {}  # by name, for what and what
-        self._call = self.buffers.call()
+        self._call = self.buffers.call_at_equal_steps()
         self.launch: LanePass | ClampedBackbones
         if pieces > 1:
             first = np.broadcast_to(first_moment, self.instance_count)

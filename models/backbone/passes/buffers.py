@@ -82,6 +82,17 @@ class Buffers:
             call.energy, call.work = self.zeros(), self.zeros()
         return call
 
+    def call_at_equal_steps(self) -> Struct:
+        """The same of whole rods, or of parts one after another, without nodes.
+
+        Equal steps that overflow become shorter, which no others do: twice as many as there are to be end the integration.
+        """
+        problem, call = self.problem, self.call()
+        if problem.integrator.steps:
+            stretches = problem.arrays.end[0].size + problem.table.profile_end.shape[0] + 1
+            call.step_limit = min(STEP_LIMIT, 2 * int(call.steps + call.step_multiple * stretches))
+        return call
+
     def zeros(self, *tail: int, dtype: type = wp.float64) -> Array:
         """Zeros of shape (instance_count, *tail) on the problem's device."""
         return wp.zeros((self.problem.instance_count, *tail), dtype=dtype, device=self.problem.device)

@@ -44,7 +44,7 @@ class Chain:
         self.whole, d = of_whole(self.variations), self.variations.size
         self.scale, self.units = problem.each(problem.table.length_scale.numpy()), self._units()
         count, device = problem.instance_count, problem.device
-        self.call: Any = problem.buffers.call()
+        self.call: Any = problem.buffers.call_at_equal_steps()
         m = residuals_of(self.variations).size
         rooms = {"unknowns": (d,), "residual": (m,), "gamma": (m, d), "residual_directions": (m, max(loads, 1))}
         rooms |= {"pose_columns": (6, d + loads)}
