@@ -203,3 +203,9 @@ def test_small_systems_are_those_of_any_size(n):
     largest = np.abs(np.linalg.eigvals(E)).max(axis=1)
     # the 64th power's norm is more than the radius's power by less than n times the condition of the eigenvectors, below 1e6 here
     assert ((largest <= radius * (1 + 1e-9)) & (radius <= 1.3 * largest)).all()
+
+
+def test_a_gpu_can_run_what_is_written_in_its_compilers_words(tmp_path):
+    """Compiled to PTX, which takes no GPU: functions of its own language may call what the processor's compiler alone has."""
+    wp.compile_aot_module(of_small_systems.module, device=None, arch=80, module_dir=str(tmp_path), use_ptx=True)
+    assert [file.suffix for file in tmp_path.iterdir()].count(".ptx") == 1

@@ -8,34 +8,53 @@ squares alone are added up in another one. Rows of the arrays are contiguous.
 import warp as wp
 
 SMALL = 8  # unknowns
+# CUDA has neither vectors of that type nor these functions
 ROWS = f"""
+#ifdef __CUDA_ARCH__
+    struct V {{
+        double c[{SMALL}];
+        V() {{}}
+        explicit V(double x) {{ for (int i = 0; i < {SMALL}; ++i) c[i] = x; }}
+        double& operator[](int i) {{ return c[i]; }}
+        V& operator+=(const V& o) {{ for (int i = 0; i < {SMALL}; ++i) c[i] += o.c[i]; return *this; }}
+        V& operator-=(const V& o) {{ for (int i = 0; i < {SMALL}; ++i) c[i] -= o.c[i]; return *this; }}
+        V operator*(const V& o) const {{ V r; for (int i = 0; i < {SMALL}; ++i) r.c[i] = c[i] * o.c[i]; return r; }}
+        V operator*(double x) const {{ V r; for (int i = 0; i < {SMALL}; ++i) r.c[i] = c[i] * x; return r; }}
+        V operator/(double x) const {{ V r; for (int i = 0; i < {SMALL}; ++i) r.c[i] = c[i] / x; return r; }}
+    }};
+    const auto magnitude = [](double x) {{ return ::fabs(x); }};
+    const double none = ::nan("");
+#else
     typedef double V __attribute__((ext_vector_type({SMALL})));
+    const auto magnitude = [](double x) {{ return __builtin_fabs(x); }};
+    const double none = __builtin_nan("");
+#endif
     V a[{SMALL}];
 """
 # LU with partial pivoting of n rows a[i]; what is done to them is done to the right-hand sides, of type Side, b[i]
 ELIMINATE = """
     double size = 0.0;
     for (int i = 0; i < n; ++i)
-        for (int j = 0; j < n; ++j) size = __builtin_fabs(a[i][j]) > size ? __builtin_fabs(a[i][j]) : size;
+        for (int j = 0; j < n; ++j) size = magnitude(a[i][j]) > size ? magnitude(a[i][j]) : size;
     for (int k = 0; k < n; ++k) {
         int p = k;
         for (int i = k + 1; i < n; ++i)
-            if (__builtin_fabs(a[i][k]) > __builtin_fabs(a[p][k])) p = i;
+            if (magnitude(a[i][k]) > magnitude(a[p][k])) p = i;
         if (p != k) {
             V row = a[k]; a[k] = a[p]; a[p] = row;
             Side side = b[k]; b[k] = b[p]; b[p] = side;
         }
-        if (__builtin_fabs(a[k][k]) <= 1.0e-15 * size) a[k][k] = __builtin_nan("");
+        if (magnitude(a[k][k]) <= 1.0e-15 * size) a[k][k] = none;
         for (int i = k + 1; i < n; ++i) {
             const double m = a[i][k] / a[k][k];
             if (m != 0.0) {
-                a[i] -= m * a[k];
-                b[i] -= m * b[k];
+                a[i] -= a[k] * m;
+                b[i] -= b[k] * m;
             }
         }
     }
     for (int i = n - 1; i >= 0; --i) {
-        for (int k = i + 1; k < n; ++k) b[i] -= a[i][k] * b[k];
+        for (int k = i + 1; k < n; ++k) b[i] -= b[k] * a[i][k];
         b[i] = b[i] / a[i][i];
     }
 """
@@ -118,7 +137,7 @@ def small_quotient(matrix: wp.array3d[wp.float64], divisor: wp.array3d[wp.float6
         squares = V(0.0);
         for (int i = 0; i < n; ++i) {{
             b[i] = V(0.0);
-            for (int k = 0; k < n; ++k) b[i] += a[i][k] * a[k];
+            for (int k = 0; k < n; ++k) b[i] += a[k] * a[i][k];
             squares += b[i] * b[i];
         }}
         for (int i = 0; i < n; ++i) a[i] = b[i];
