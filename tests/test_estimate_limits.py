@@ -170,3 +170,27 @@ def test_what_is_estimated_beside_lines_that_turn_slack_is_the_most_probable(unk
     for far in (0.03, 0.3):
         steps = (aside @ random.normal(size=(12, count, best.shape[1], 1)))[..., 0]
         assert (squares(best + far * steps) > found.misfit - 1e-3).all()
+
+
+def test_a_slack_line_is_looked_across_its_kink_for_what_is_more_probable():
+    """Slack lines tell nothing, so an estimate that begins where all are slack ended there, off by sixty deviations. Over a grid
+    of displacements nothing is more probable than what is found."""
+    lines = [mr.Tendon((place, 0), driven="displacement", axial_stiffness=2000.0) for place in (0.008, -0.008)]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    force, size, count = (0.02, 0.01, 0), 2e-3, 12
+    there = mr.solve(robot, robot.inputs(displacement=(0.002, -0.0025), tip_force=force)).raise_if_failed()
+    means = -np.random.default_rng(0).uniform(2e-4, 2e-3, (count, 2))
+    sensor, prior = mr.Pose(position=there.tip_position, sigma=5e-4), {"displacement": mr.Prior(means, sigma=size)}
+    found = mr.estimate(robot, robot.inputs(tip_force=force), unknown=prior, measured=sensor)
+    assert not found.failed.any(), found
+    steps = np.linspace(-3e-3, 3.5e-3, 53)
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    tips = mr.solve(robot, robot.inputs(displacement=grid, tip_force=force))
+    off = (((tips.tip_position - there.tip_position) / 5e-4) ** 2).sum(axis=-1)
+    squares = np.nan_to_num(off, nan=np.inf) + (((grid - means[:, None]) / size) ** 2).sum(axis=-1)
+    assert (found.misfit < squares.min(axis=1)).all()
+    assert (found.value("displacement")[:, 0] > 1e-3).all()
+    assert found.integrations.max() < 200
+    alone = {"displacement": mr.Prior(means[3], sigma=size)}
+    again = mr.estimate(robot, robot.inputs(tip_force=force), unknown=alone, measured=sensor)
+    np.testing.assert_array_equal(again.value("displacement"), found.value("displacement")[3])

@@ -31,7 +31,6 @@ EPSILON = float(np.finfo(np.float64).eps)
 SHARPEST = 20.0  # residuals of a step that is taken, over the curvatures that arise
 RESTORED = 0.5  # of the residual: a step that leaves no more of it is taken too
 SLACK = 1e-9  # of the squares' sum, that rounding may add
-ENDLESS = int(Status.MAX_ITERATIONS), int(Status.STALLED)
 PLACE = ("x", "p", "square", "gap", "towards", "by", "step", "covariance", "J", "r")
 
 
@@ -102,7 +101,7 @@ class Part:
             active = self._advance(active)
         self.outcome.status[active] = Status.MAX_ITERATIONS
         if len(self.task.problem.kinks):
-            Kinked(self).run(np.flatnonzero(np.isin(self.outcome.status, ENDLESS) & np.isfinite(self.square)))
+            Kinked(self).run()
         self._judge()
 
     def _judge(self) -> None:

@@ -26,6 +26,8 @@ SPENT = 5  # integrations for each step that is allowed
 LONGEST = 2.0  # of the scale of curvatures, that unknowns may change by in a step
 NEWTON = 8  # steps to an equilibrium
 HALVINGS = 12
+ENDLESS = int(Status.MAX_ITERATIONS), int(Status.STALLED)
+SEEN = 0.5  # part of its variance by the prior, that a line's unknown keeps of which nothing much was told
 DECREASE = 1e-4  # part of what a step is to take off (1), that it takes off
 
 
@@ -75,31 +77,54 @@ class Kinked:
         self._part, self._kinks = part, part.task.problem.kinks
         self._scale = part.task.problem.curvature_scale()
 
-    def run(self, rows: NDArray[np.intp]) -> None:
-        """Seek an end of some instances, one after another."""
-        for row in rows.tolist():
-            self._one(row)
-
-    def _one(self, row: int) -> None:
+    def run(self) -> None:
+        """Seek an end of what came to none, one instance after another; look across from ends beside a line that is slack."""
         part = self._part
-        here = self._settled(row, part.x[row], part.p[row])
-        if here is None and part.based[row]:
-            here = self._settled(row, part.base["x"][row], part.base["p"][row])
+        endless = np.isin(part.outcome.status, ENDLESS) & np.isfinite(part.square)
+        ended = part.outcome.status == Status.CONVERGED
+        for row in np.flatnonzero(endless).tolist():
+            here = self._settled(row, part.x[row], part.p[row])
+            if here is None and part.based[row]:
+                here = self._settled(row, part.base["x"][row], part.base["p"][row])
+            self._one(row, here)
+        for row in np.flatnonzero(ended & self._beside()).tolist():
+            here = self._settled(row, part.x[row], part.p[row])
+            if here is None or not self._one(row, here):
+                self._evaluated(row, part.x[row], part.p[row])  # what is left is told of there
+
+    def _beside(self) -> NDArray[np.bool_]:
+        """Whether a line is slack that may be taut, within three deviations, and of whose slack nothing much was told; shape
+        (b,)."""
+        part, K = self._part, self._kinks
+        by, z = part.by[:, K], part.x[:, K]
+        with np.errstate(invalid="ignore"):
+            known, before = (np.einsum("bki,bij,bkj->bk", by, own, by) for own in (part.covariance, part.prior))
+            unseen = (z < 0) & (known >= SEEN * before) & (z**2 <= NEARBY**2 * known)
+        return np.asarray(unseen.any(axis=1))
+
+    def _one(self, row: int, here: _Here | None) -> bool:
+        """From an equilibrium of an instance; whether it came to an end."""
+        part, moved = self._part, False
         allowed = part.outcome.integrations[row] + SPENT * part.scene.max_iterations
         while here is not None and part.outcome.integrations[row] < allowed:
             own = self._step(row, here, here.x, here.told, here.x[self._kinks] > 0)
             if own is None:
-                return
+                break
             if own.length > SETTLED:
                 here = self._gone(row, here, own)
+                moved |= here is not None
                 part.outcome.iterations[row] += 1
                 continue
             there, covariance = self._across(row, here, own)
             if there is None:
-                if covariance is not None:
-                    self._end(row, here, covariance)
-                return
-            here = there
+                if covariance is None:
+                    break
+                self._end(row, here, covariance)
+                return True
+            here, moved = there, True
+        if moved and part.outcome.status[row] == Status.CONVERGED:
+            part.outcome.status[row] = Status.MAX_ITERATIONS  # something is more probable than where it ended
+        return False
 
     def _across(self, row: int, here: _Here, own: _Step) -> tuple[_Here | None, FloatArray | None]:
         """Where (1) is less on the other sides of kinks, from an end on this side; None if nowhere, then the covariance there,
@@ -158,12 +183,8 @@ class Kinked:
         return part.task.evaluate(every_x, every_p, chosen)
 
     def _told(self, row: int, found: Evaluation) -> _Told:
-        own = slice(row, row + 1)
-        known = self._part.measured.known[row]
-        rows = (
-            np.where(known.reshape(-1, *[1] * (each.ndim - 2)), each[0], 0.0) for each in self._part.measured.told(found, own)
-        )
-        return _Told(*(np.array(own[0]) for own in (found.residual, found.gamma, found.slopes)), *rows)
+        rows = self._part.measured.told(found, slice(row, row + 1))
+        return _Told(*(np.array(own[0]) for own in (found.residual, found.gamma, found.slopes, *rows)))
 
     def _both(self, row: int, here: _Here, held: NDArray[np.intp]) -> Iterator[_Step | None]:
         """The steps with some lines at their kinks, and from there taut or slack in all ways."""

@@ -87,16 +87,16 @@ class Measured:
 
     def at(self, found: Evaluation, chosen: Instances) -> tuple[FloatArray, FloatArray]:
         """(3) Whitened ``r`` (b, m) and ``J`` (b, m, k) of the chosen instances, that ``found`` is of."""
-        known = self.known[chosen]
-        r, J = found.condensed(*self.told(found, chosen))
-        if known.all():
-            return r, J
-        return np.where(known, r, 0.0), np.where(known[..., None], J, 0.0)
+        return found.condensed(*self.told(found, chosen))
 
     def told(self, found: Evaluation, chosen: Instances) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The same rows where the integration stood, (b, m), and their derivatives by unknowns and by what is free."""
+        """The same rows where the integration stood, (b, m), and their derivatives by unknowns and by what is free; zeros where a
+        number is missing."""
         parts = [rows.take(chosen).at(found) for rows in self.rows]
         joined = parts[0] if len(parts) == 1 else [np.concatenate(part, axis=1) for part in zip(*parts, strict=True)]
+        known = self.known[chosen]
+        if not known.all():
+            joined = [np.where(known.reshape(*known.shape, *[1] * (each.ndim - 2)), each, 0.0) for each in joined]
         return joined[0], joined[1], joined[2]
 
 
