@@ -11,7 +11,7 @@ from multirod.solvers.tracking.newton_track import NewtonTrack
 from multirod.status import Status
 from multirod.validation import FloatArray, boolean, choice, positive_int
 
-PREDICTORS = ("none", "linear", "quadratic")
+PREDICTORS = ("none", "linear", "quadratic", "adaptive")
 AT_FOLD = ("follow", "stop")
 SIDES = ("positive", "negative")
 MOST_LEFT = 0.5  # of the instances: more are not left to be done with those of other parts of a batch
@@ -32,8 +32,8 @@ class Shooting(Solver):
         integrator: Of the spatial equations.
         max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start. ``iterations`` of a
             solution counts those of all steps, and may be more.
-        predictor: How a motion's next sample is guessed: from the last one (``"none"``), or by ``"linear"`` (default) or
-            ``"quadratic"`` extrapolation in time.
+        predictor: How a motion's next sample is guessed: from the last one (``"none"``), by ``"linear"`` or ``"quadratic"``
+            extrapolation in time, or by whichever of these two foretold the last samples better (``"adaptive"``, the default).
         line_search: Whether steps that do not reduce the residual are halved.
         max_continuation_steps: Load steps allowed; where legs or networks are put together first, four times as many for joints
             and for loads.
@@ -56,7 +56,7 @@ class Shooting(Solver):
     tolerance: float | None = None
     integrator: Integrator = field(default_factory=RK45)
     max_iterations: int = 30
-    predictor: str = "linear"
+    predictor: str = "adaptive"
     line_search: bool = True
     max_continuation_steps: int = 1000
     max_integrations: int = 50_000
@@ -129,7 +129,7 @@ class Shooting(Solver):
     def track(self, problem: BoundaryProblem, dt: float) -> Track:
         """Follow a motion, each sample from the last or from its extrapolation."""
         problem.side = self.sign
-        return NewtonTrack(self, problem, PREDICTORS.index(self.predictor))
+        return NewtonTrack(self, problem, None if self.predictor == "adaptive" else PREDICTORS.index(self.predictor))
 
 
 def _tell_passed(problem: BoundaryProblem, outcome: Outcome) -> None:

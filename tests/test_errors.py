@@ -322,7 +322,7 @@ OPTIONS: dict[Callable[..., Any], dict[str, tuple[tuple[Any, ...], str]]] = {
         "max_continuation_steps": (COUNTS, "integer >= 1"),
         "max_integrations": (COUNTS, "integer >= 1"),
         "line_search": (FLAGS, "True or False"),
-        "predictor": (NAMES, "'none', 'linear', 'quadratic'"),
+        "predictor": (NAMES, "'none', 'linear', 'quadratic', 'adaptive'"),
         "integrator": ((None, "RK4", 50, mr.RK4), "Integrator"),
     },
     mr.ScipyShooting: {

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ellipk
 
@@ -33,7 +34,7 @@ def runs(study: experiment.Motion) -> dict[str, mr.History]:
         predictor: mr.simulate(
             study.robot, study.inputs, time=study.time, solver=mr.Shooting(integrator=INTEGRATOR, predictor=predictor)
         )
-        for predictor in ("none", "linear", "quadratic")
+        for predictor in ("none", "linear", "quadratic", "adaptive")
     }
 
 
@@ -60,7 +61,8 @@ def test_paper_motion_converges_in_two_or_three_integrations(runs: dict[str, mr.
         assert (history.residual <= 1e-9).all()
         assert history.integrations[1:].max() <= 3
     # extrapolation errs by O(dt^3): Newton's one step squares that to below 1e-9
-    assert runs["quadratic"].integrations[3:].max() <= 2
+    for predictor in ("quadratic", "adaptive"):
+        assert runs[predictor].integrations[3:].max() <= 2
 
 
 def test_better_predictors_need_fewer_integrations(runs: dict[str, mr.History]) -> None:
@@ -69,10 +71,29 @@ def test_better_predictors_need_fewer_integrations(runs: dict[str, mr.History]) 
     assert linear < 2.2  # measured: 2.07; without prediction 3
 
 
+def test_the_adaptive_predictor_is_as_good_as_the_better_of_two(robot: mr.SingleRod) -> None:
+    """Of instances in one batch each takes its own: quadratic extrapolation where forces are smooth, linear where they are held
+    for five samples."""
+    t = np.arange(100) * 0.01
+    smooth, slow = (np.stack([np.sin(rate * t), np.cos(rate * t), 0 * t], axis=-1) for rate in (3.0, 0.3))
+    inputs = robot.inputs(tip_force=np.stack([smooth, slow[np.arange(100) // 5 * 5]], axis=1))
+
+    def mean(predictor: str) -> NDArray[np.float64]:
+        solver = mr.Shooting(integrator=INTEGRATOR, predictor=predictor)
+        history = mr.simulate(robot, inputs, time=t, solver=solver)
+        assert (history.status == mr.Status.CONVERGED).all()
+        return np.asarray(history.integrations[10:].mean(axis=0))
+
+    linear, quadratic, adaptive = (mean(predictor) for predictor in ("linear", "quadratic", "adaptive"))
+    assert quadratic[0] < linear[0]
+    assert linear[1] < quadratic[1]
+    np.testing.assert_allclose(adaptive, np.minimum(linear, quadratic), atol=0.05)  # four samples of ninety
+
+
 def test_predictors_lead_to_the_same_equilibria(runs: dict[str, mr.History]) -> None:
     # |dx| <= sqrt(3) |eps| / sigma_min: residuals below 1e-9, sigma_min above 0.29 along this run
     bound = 2 * math.sqrt(3) * 1e-9 / 0.29
-    for name in ("linear", "quadratic"):
+    for name in ("linear", "quadratic", "adaptive"):
         assert np.abs(runs[name].unknowns - runs["none"].unknowns).max() < bound
 
 

@@ -372,7 +372,7 @@ def hops(robot: mr.SingleRod) -> list[mr.Inputs]:
     return [robot.inputs(rotation=0.1 * k, tip_force=(s, 0.3, 0.1 * k)) for k, s in enumerate(size)]
 
 
-@pytest.mark.parametrize("predictor", ["none", "linear", "quadratic"])
+@pytest.mark.parametrize("predictor", ["none", "linear", "quadratic", "adaptive"])
 def test_a_sample_in_one_launch_is_what_python_makes_of_it(
     robot: mr.SingleRod, predictor: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

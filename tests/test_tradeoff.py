@@ -437,7 +437,7 @@ def test_a_rate_that_nothing_keeps_up_with_is_refused_with_what_there_is(clock):
 def test_the_default_grid_has_the_forms_that_make_a_difference_to_the_robot():
     tried = [mr.RK4(10), mr.RK45()]
     wire = grid(STUDY.robot, STUDY.inputs, tried=tried)
-    assert len(wire) == 2 * (3 + 4 + 1) + 3
+    assert len(wire) == 2 * (4 + 4 + 1) + 3
     assert {type(solver) for solver in wire.values()} == {mr.Shooting, mr.Observer, mr.EnergyDescent, mr.ScipyShooting}
     tubes = three_tubes(duration=0.5)
     assert any(isinstance(solver, mr.EnergyDescent) for solver in grid(tubes.robot, tubes.inputs, tried=tried).values())

@@ -59,6 +59,7 @@ PROBES = 4
 TOLD = 4  # bounds on eigenvalues: two tests of two matrices
 UNLIKE = 1.0e30
 CHANGE_POWERS = 8.0
+FORGOTTEN = 0.25  # of how far a sample was missed, at the next
 LARGE_CHANGE = 0.5  # of Gamma: no mode has vanished or changed sign where the change is less than 1
 f64 = wp.float64
 
@@ -315,7 +316,9 @@ class Sample:
 
     past: wp.array3d[wp.float64]  # (instance, 3, n): unknowns of the last good samples, the latest first
     points: wp.array[int]  # (1,): how many of them there are; no element where there is no motion
-    order: int  # of their extrapolation in time
+    order: int  # of their extrapolation in time, at most
+    chooses: int  # whether it is less where the last samples were foretold better so
+    misses: wp.array2d[wp.float64]  # (instance, 2): largest error of an unknown by linear and by quadratic extrapolation, of late
     inputs: wp.array2d[wp.float64]
     last_inputs: wp.array2d[wp.float64]  # of the last good sample
     turned: wp.vec2i  # which of them are angles that may turn rods too far, from and to
@@ -325,20 +328,28 @@ class Sample:
     good: wp.array[int]  # (1,): whether the sample needs no other look, and is the last good one now
 
 
+@wp.func
+def foreseen(sample: wp.ref[Sample], t: int, i: int, points: int) -> f64:
+    """An unknown by extrapolation of so many of the last samples."""
+    x = sample.past[t, 0, i]
+    if points == 2:
+        x = f64(2.0) * x - sample.past[t, 1, i]
+    elif points > 2:
+        # rounded as NumPy does, which adds what was multiplied by three
+        move = x - sample.past[t, 1, i]
+        tripled = move + f64(2.0) * move
+        x = tripled + sample.past[t, 2, i]
+    return x
+
+
 @wp.func(inline=False)
 def foresee(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int):
     """Unknowns by extrapolation of the last samples, where the iteration begins."""
     points = sample.points[0]
+    if sample.chooses != 0 and points > 2 and sample.misses[t, 0] < sample.misses[t, 1]:
+        points = 2
     for i in range(state.unknowns.shape[1]):
-        x = sample.past[t, 0, i]
-        if points == 2:
-            x = f64(2.0) * x - sample.past[t, 1, i]
-        elif points > 2:
-            # rounded as NumPy does, which adds what was multiplied by three
-            move = x - sample.past[t, 1, i]
-            tripled = move + f64(2.0) * move
-            x = tripled + sample.past[t, 2, i]
-        state.unknowns[t, i] = x
+        state.unknowns[t, i] = foreseen(sample, t, i, points)
     state.allowed[t] = sample.most_integrations
     state.active[t] = 1
     state.status[t] = 0
@@ -362,6 +373,11 @@ def calm(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int) -> bool:
 @wp.func(inline=False)
 def keep_sample(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int):
     """Make it the last good one."""
+    for k in range(sample.chooses * (sample.points[0] - 1)):
+        miss = f64(wp.static(FORGOTTEN)) * sample.misses[t, k]
+        for i in range(state.unknowns.shape[1]):
+            miss = wp.max(miss, wp.abs(state.unknowns[t, i] - foreseen(sample, t, i, k + 2)))
+        sample.misses[t, k] = miss
     for i in range(state.unknowns.shape[1]):
         sample.past[t, 2, i] = sample.past[t, 1, i]
         sample.past[t, 1, i] = sample.past[t, 0, i]

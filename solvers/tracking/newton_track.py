@@ -13,7 +13,7 @@ from multirod.solvers.following.descent import SOFT
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on
 from multirod.solvers.newton.iteration import UNLIMITED
-from multirod.solvers.newton.newton_kernels import Sample
+from multirod.solvers.newton.newton_kernels import FORGOTTEN, Sample
 from multirod.solvers.starting.cold_start import ColdStart
 from multirod.solvers.starting.letting_out import let_out, loosened
 from multirod.solvers.tracking.kinks import passed_kinks
@@ -28,7 +28,15 @@ SAME = 1e-6  # unknowns that are, beside 1/m and themselves
 FRESH = 1e-3  # of the way between two samples, that the first step from where a motion has just come to is
 JUST_THERE = 1 - 1e-9  # of the way between two samples: its end, taken for where a branch ended
 DIP = 0.1  # of the load, that is taken off on the way past a kink
+QUADRATIC = 2  # order of an extrapolation
 _CONVERGED = int(Status.CONVERGED)
+
+
+def extrapolated(past: FloatArray, points: int) -> FloatArray:
+    """What comes next by so many of the last samples (instance, 3, n), the latest first; shape (instance, n)."""
+    if points > 2:
+        return np.asarray(3 * (past[:, 0] - past[:, 1]) + past[:, 2])
+    return past[:, 0] if points < 2 else np.asarray(2 * past[:, 0] - past[:, 1])
 
 
 class NewtonTrack(Track):
@@ -41,20 +49,21 @@ class NewtonTrack(Track):
     Args:
         options: Whose.
         problem: At the inputs of each sample.
-        order: Of the extrapolation.
+        order: Of the extrapolation; None for linear or quadratic, whichever foretold the last samples of an instance better.
     """
 
-    def __init__(self, options: "Shooting", problem: BoundaryProblem, order: int) -> None:
+    def __init__(self, options: "Shooting", problem: BoundaryProblem, order: int | None) -> None:
         self.options = options
         self.problem = problem
         self.newton = options.newton(problem)
         self.newton.expect()
-        self.order = order
+        self.order, self.chooses = QUADRATIC if order is None else order, order is None
         count, n = problem.instance_count, problem.unknown_count
         # on a processor, NumPy and the kernel of a sample share what is kept
         state: Any = Sample()
         state.past = wp.zeros((count, 3, n), dtype=wp.float64, device="cpu")
         state.last_inputs = wp.zeros((count, problem.input_count), dtype=wp.float64, device="cpu")
+        state.misses, state.chooses = wp.zeros((count, 2), dtype=wp.float64, device="cpu"), int(self.chooses)
         state.points, state.good = (wp.zeros(1, dtype=wp.int32, device="cpu") for _ in range(2))
         if wp.get_device(problem.device).is_cpu:
             state.inputs = problem.inputs
@@ -63,7 +72,7 @@ class NewtonTrack(Track):
         state.order, state.slow, state.most_integrations = self.order, self.newton.slow, min(options.max_integrations, UNLIMITED)
         self._state = state
         self._past, self._last_inputs = state.past.numpy(), state.last_inputs.numpy()
-        self._points, self._good = state.points.numpy(), state.good.numpy()
+        self._points, self._good, self._misses = state.points.numpy(), state.good.numpy(), state.misses.numpy()
         self._sample: tuple[Any, Any] | None = None  # the launch of a sample, and what it calls
         self._active: NDArray[Any] | None = problem.buffer("active") if wp.get_device(problem.device).is_cpu else None
         self.inputs: FloatArray | None = None  # those of the last good sample
@@ -116,13 +125,7 @@ class NewtonTrack(Track):
             first = ColdStart(self.options, problem, newton, ~self.known).run()
             if not self.known.any():
                 return self._keep(first)
-        past, points = self._past, int(self._points[0])
-        if points > 2:
-            guess = 3 * (past[:, 0] - past[:, 1]) + past[:, 2]
-        elif points == 2:
-            guess = 2 * past[:, 0] - past[:, 1]
-        else:
-            guess = past[:, 0]
+        guess = self._foreseen()
         if first is not None:
             guess = np.where(self.known[:, None], guess, problem.read("unknowns"))
         problem.write("unknowns", guess)
@@ -138,6 +141,23 @@ class NewtonTrack(Track):
                 mine[~self.known] = theirs[~self.known]
             outcome.breakpoints, outcome.events = first.breakpoints, first.events
         return self._made_sure(outcome, first)
+
+    def _foreseen(self) -> FloatArray:
+        """Unknowns by extrapolation of the last samples, shape (instance_count, n)."""
+        points = int(self._points[0])
+        guess = extrapolated(self._past, points)
+        if not self.chooses or points <= QUADRATIC:
+            return guess
+        less = self._misses[:, 0] < self._misses[:, 1]
+        return np.where(less[:, None], extrapolated(self._past, QUADRATIC), guess)
+
+    def _learn(self, found: FloatArray, good: BoolArray, new: BoolArray) -> None:
+        """How far each order missed what was found, of instances that are ``good``; ``new`` ones have no past."""
+        if self.chooses:
+            for k in range(int(self._points[0]) - 1):
+                miss = np.abs(found - extrapolated(self._past, k + 2)).max(axis=1)
+                self._misses[good, k] = np.maximum(miss, FORGOTTEN * self._misses[:, k])[good]
+            self._misses[new] = 0.0
 
     def _forget_taut(self) -> None:
         """What is taut is solved without a guess, as is what comes after it."""
@@ -272,8 +292,9 @@ class NewtonTrack(Track):
 
     def _keep(self, outcome: Outcome) -> Outcome:
         found, inputs = self.problem.read("unknowns"), self.problem.read("inputs")
-        past, self._points[0] = self._past, min(self._points[0] + 1, self.order + 1)
+        past = self._past
         if self.all_known and (outcome.status == _CONVERGED).all():
+            self._learn(found, np.ones_like(self.known), np.zeros_like(self.known))
             past[:, 1:] = past[:, :2]
             past[:, 0] = found
             self._last_inputs[:] = inputs
@@ -286,6 +307,7 @@ class NewtonTrack(Track):
             elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED, Status.DAMPED))
             self.fresh |= elsewhere
             kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
+            self._learn(found, good, new[:, 0])
             last = past[:, 0].copy()
             for k, point in ((2, past[:, 1]), (1, past[:, 0]), (0, found)):
                 past[:, k] = np.where(new, found, np.where(kept, point, last))
@@ -294,6 +316,7 @@ class NewtonTrack(Track):
             self.known |= good
             self.known &= ~self._taut
             self.all_known = bool(self.known.all())
+        self._points[0] = min(self._points[0] + 1, self.order + 1)
         self.inputs = self._last_inputs
         self._any_fresh = bool(self.fresh.any() or self.edge.any())
         return outcome

@@ -61,7 +61,7 @@ def main() -> None:
     integrator = mr.RK4(STEPS)
     solvers: dict[str, mr.Solver] = {
         "Newton to 1e-9": mr.Shooting(integrator=integrator),
-        "Newton to 1e-9, quadratic predictor": mr.Shooting(integrator=integrator, predictor="quadratic"),
+        "Newton to 1e-9, linear predictor": mr.Shooting(integrator=integrator, predictor="linear"),
     }
     legs = (3, 6, 12)
     runs = {(count, name): tracker_step(count, solver) for count in legs for name, solver in solvers.items()}
