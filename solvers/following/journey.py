@@ -14,12 +14,11 @@ from multirod.rotations import leading_axis
 from multirod.solvers.following.descent import SOFT, Point, Slope, Unfit
 from multirod.solvers.following.many import alike
 from multirod.solvers.following.requests import Clamp, Run, Settle
-from multirod.solvers.following.walk import Walk
+from multirod.solvers.following.walk import DECIDED, MERGED, Walk, held, turn_between
 from multirod.status import Status
 from multirod.validation import FloatArray
 
 LEFT = 0.05  # of the rest of the way, where that leads nowhere: what is put together stiffens as its inverse
-DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
 FAR_BEYOND = 1e-2  # as OVERSHOOT, of damped dynamics, which leave what is hardly unstable slowly
 SETTLING = 400  # integrations in which they are to rest
 AT_END = 6e-8  # of K/L: at the end of the way a mode as unstable decides
@@ -39,7 +38,6 @@ APART = 0.7  # ratio of distances at a quarter of the overshoot: above it anothe
 AS_A_ROOT = 0.1  # of half the distance, that an equilibrium may be from half-way to count as one on a branch that bifurcates
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
 RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
-MERGED = 0.05  # turn of the tip [rad] within which branches merge
 MOST_EVENTS = 16
 NEARLY = 1e-4  # singular value of Gamma, below which a mode may be neutral
 LAST = 1e-3  # of the way, on which a neutral mode may be one that rounded kinks held until there
@@ -306,13 +304,13 @@ class Journey(Walk):
     def _kind(self, critical: Point, beyond: Point, landed: Point, first: FloatArray) -> Run:
         """(6) Whether a point that was come to is on a branch that leaves the critical point, or elsewhere; None where it is on
         the same branch."""
-        turn = _turn(critical.frames, landed.frames)
-        if _held(beyond.slope) and turn < 2 * MERGED:
+        turn = turn_between(critical.frames, landed.frames)
+        if held(beyond.slope) and turn < 2 * MERGED:
             return None
         before, after = (point.slope.neutral for point in (critical, landed))
         if before == after > 0 and turn < 2 * KICK and not self.slight:
             return None  # pushed along what is neutral on all of the branch
-        if turn > FAR:
+        if turn > FAR and not first.any():
             return Status.SNAPPED
         value = beyond.slope.lowest
         if first.any() and value > -CLEAR and RETURNED < turn < NEAR * np.sqrt(max(-value, 0.0)):
@@ -320,7 +318,8 @@ class Journey(Walk):
         ratio = yield from self._shrinks(critical, beyond.level, landed, first, after)
         if ratio < SAME_BRANCH and (turn < RETURNED or not first.any()):
             return None
-        return Status.SNAPPED if ratio > APART else Status.BIFURCATED
+        near = ratio if turn > FAR else max(ratio, SAME_BRANCH)
+        return Status.BIFURCATED if SAME_BRANCH <= near <= APART else Status.SNAPPED
 
     def _pass(self, critical: Point, step: float) -> Run:
         """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not at the end."""
@@ -328,8 +327,10 @@ class Journey(Walk):
             level = min(1.0, critical.level + step)
             beyond = yield from self._beyond(critical, level)
             slope = beyond.slope
-            if slope.lowest < -CLEAR or abs(slope.along[0]) > DECIDED or _held(slope):
+            if slope.lowest < -CLEAR or abs(slope.along[0]) > DECIDED or held(slope):
                 return beyond
+            if (rest := (yield from self._rest_beside(critical, level, slope))) is not None:
+                return rest
             if level == 1.0:
                 return beyond if slope.lowest < -AT_END else None
             step *= 4
@@ -382,14 +383,3 @@ class Journey(Walk):
 def _nearly_neutral(point: Point) -> int:
     """How many modes may be: what is not quite in balance shows one by as much."""
     return int((point.singular[1:] < NEARLY).sum())
-
-
-def _held(slope: Slope) -> bool:
-    """Whether a stable equilibrium is beside a point: one on which branches merge."""
-    return bool(slope.values[0] > DECIDED and np.abs(slope.along).max() < MERGED * slope.values[0])
-
-
-def _turn(before: FloatArray, after: FloatArray) -> float:
-    """The largest angle between frames of the same places, (place, 3, 3), before and after [rad]."""
-    traces = np.einsum("kij,kij->k", before, after)
-    return float(np.arccos(np.clip(0.5 * (traces - 1), -1, 1)).max())

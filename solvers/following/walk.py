@@ -33,6 +33,8 @@ HARDLY = 1e-3  # of K/L: a mode that is softer is let go on the way, and comes d
 NEAR, WIDE = 1e-3, 0.1  # of the unknowns: the first step along a valley, and the longest
 ALONGSIDE = 2  # steps of Newton's method across modes that vanish
 VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
+DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
+MERGED = 0.05  # turn of the tip [rad] within which branches merge
 # turns along a neutral mode, where it is still neutral if symmetry makes it so: the less, the less it is bent [rad]
 ASIDE = (0.05, 0.005)
 
@@ -277,6 +279,22 @@ class Walk:
             point = yield from self._at(point.unknowns + slope.back + slope.change(slope.modes @ turn), level)
         return point
 
+    def _rest_beside(self, critical: Point, level: float, slope: Slope) -> Run:
+        """The stable equilibrium on which branches merge beside the critical unknowns at a level beyond, by Newton's method; None
+        where there is none.
+
+        What is driven in its stiff modes is off in the soft one too: its slope alone tells neither that it is stable nor that it
+        is not. With clamps ``_beyond`` has brought these to rest.
+        """
+        near = not slope.clamps and slope.values[0] > DECIDED and np.abs(slope.along / slope.values).max() < MERGED
+        if not near:
+            return None
+        rest, _ = yield from self._correct(critical.unknowns, level, 0, any_contraction=True)
+        if rest is None or turn_between(critical.frames, rest.frames) > MERGED:
+            return None
+        there = self._slope_or_none(rest)
+        return rest if there is not None and held(there) else None
+
     # ---- down in energy ----
 
     def _descend(self, point: Point, slope: Slope, first: FloatArray) -> Run:
@@ -324,3 +342,14 @@ class Walk:
             radius = min(RADIUS_CLAMPED, max(LEAST_RADIUS, share * radius) * (2 if off < 0.5 * allowed else 1))
             share, turn = 1.0, slope.turn(radius)
         return None
+
+
+def held(slope: Slope) -> bool:
+    """Whether a stable equilibrium is beside a point: one on which branches merge."""
+    return bool(slope.values[0] > DECIDED and np.abs(slope.along).max() < MERGED * slope.values[0])
+
+
+def turn_between(before: FloatArray, after: FloatArray) -> float:
+    """The largest angle between frames of the same places, (place, 3, 3), before and after [rad]."""
+    traces = np.einsum("kij,kij->k", before, after)
+    return float(np.arccos(np.clip(0.5 * (traces - 1), -1, 1)).max())

@@ -27,7 +27,7 @@ class TendonOptions(Where, total=False):
 
 
 class Tendon(Line):
-    """A tendon that slides along a rod without friction, and pulls where it ends.
+    """A tendon that slides along a rod, with or without friction, and pulls where it ends.
 
     Args:
         offset: From the centreline in the material frame [m], shape (..., 2).
