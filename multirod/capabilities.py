@@ -228,6 +228,16 @@ class Joints(ABC):
         """Rows of ``inputs`` without their loads, shape (instance_count, input_count); None where rows cannot say that."""
 
 
+class Released(ABC):
+    """Assemblies that inputs hold at places, let go, k instances in ``problem``: another way to begin, from where they rest."""
+
+    problem: "BoundaryProblem"
+
+    @abstractmethod
+    def held(self) -> tuple[FloatArray, FloatArray]:
+        """The problem's equilibria as those of what is held: its inputs there, shape (k, input_count), and unknowns, (k, n)."""
+
+
 class ResultTest(ABC):
     """Tests what any solver finds: where ``Gamma`` does not tell that stability is lost, or results have limits.
 

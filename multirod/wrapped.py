@@ -162,9 +162,6 @@ class WrappedProblem(BoundaryProblem):
     def kink_inputs(self) -> NDArray[np.intp]:  # noqa: D102
         return self.inner.kink_inputs
 
-    def begun_otherwise(self) -> tuple[FloatArray, FloatArray] | None:  # noqa: D102
-        return self.inner.begun_otherwise()
-
     @property
     def starts(self) -> Starts | None:  # noqa: D102
         return self.inner.starts

@@ -7,6 +7,9 @@ from test_network_branches import PIECES, clamped, hold_columns_of_clamps
 
 import multirod as mr
 from multirod.capabilities import Loading
+from multirod.models.joint_kernels import CLAMPED
+from multirod.models.platform.problem import ParallelProblem
+from multirod.rotations import vectors
 from multirod.solvers.continuation.natural import natural_branch
 from multirod.solvers.starting import cold_start
 from multirod.status import failures
@@ -231,3 +234,22 @@ def test_straight_legs_that_are_rigid_in_torsion_stand_as_stiff_ones_do():
         found.append(mr.solve(robot, robot.inputs(tip_force=(0.1, 0.05, -0.3))).raise_if_failed())
     assert all(own.stability is mr.Stability.STABLE for own in found)
     np.testing.assert_allclose(found[0].tip_position, found[1].tip_position, rtol=0, atol=1e-6)
+
+
+def test_a_pose_is_reached_from_where_the_robot_rests_when_its_platform_is_let_go(monkeypatch):
+    """(10c) Legs whose bases and attachments are tilted: no branch of the inverse problem leads to these from straight ones."""
+    drawn = draw(177)
+    robot, turned = drawn.robot, drawn.loads["rotation"]
+    assert set(robot.geometry.joints.tolist()) == {CLAMPED}
+    length = np.array([rod.length for rod in robot.rods])
+    translation = length * np.random.default_rng(0).uniform(-0.1, 0.1, (4, 6))
+    there = mr.solve(robot, robot.inputs(translation=translation, rotation=turned)).raise_if_failed()
+    inverse = robot.inverse()
+    pose = {"platform_position": there.tip_position, "platform_rotation": vectors(there.tip_rotation)}
+    inputs = inverse.inputs(**pose, rotation=turned)
+    found = mr.solve(inverse, inputs).raise_if_failed()
+    np.testing.assert_allclose(inverse.translations(found), translation, rtol=0, atol=1e-7 * length.max())  # 1e-10 was seen
+    assert (found.stability == mr.Stability.STABLE).all()
+    assert found.integrations.max() < 1000
+    monkeypatch.setattr(ParallelProblem, "released", lambda self, instances: None)
+    assert mr.solve(inverse, inputs).failed.all()

@@ -34,7 +34,7 @@ class InverseParallelRods(Assembly):
     """Six legs and a given pose of their platform: the translations that lead there; see ``ParallelRods.inverse``.
 
     The pose is given by the inputs ``platform_position`` [m] and ``platform_rotation`` (rotation vector in the world [rad]); the
-    loads are those of ``ParallelRods``. An input ``translation`` is where the search begins. ``translations`` reads the result.
+    loads are those of ``ParallelRods``. Unknowns are counted from an input ``translation``. ``translations`` reads the result.
 
     Every equilibrium that is found, also from a guess and along a motion, is tested: an unstable one is a failure with the status
     ``UNSTABLE``, one whose translations are beyond ``limits`` or leave no leg in use is ``OUT_OF_LIMITS``.

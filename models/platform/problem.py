@@ -34,7 +34,8 @@ from multirod.models.platform.stability.clamps import PlatformClamps
 from multirod.models.platform.stability.conjugates import PlatformConjugates
 from multirod.models.platform.stability.stability import InverseTest, PlatformStability
 from multirod.models.platform.starting.closing import Closing
-from multirod.models.platform.starting.guess import Attachments, rotation_vectors, straight_legs
+from multirod.models.platform.starting.guess import Attachments, rotation_vectors
+from multirod.models.platform.starting.released import ReleasedPlatforms
 from multirod.models.platform.starting.starts import PlatformJoints, PlatformStarts
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import matrices
@@ -179,8 +180,8 @@ class ParallelProblem(BoundaryProblem):
         """None of the inverse problem: its platform is where it is to be."""
         return None if self.inverse else PlatformStarts(self)
 
-    def begun_otherwise(self) -> tuple[FloatArray, FloatArray] | None:  # noqa: D102
-        return straight_legs(self) if self.inverse else None
+    def released(self, instances: IntArray) -> ReleasedPlatforms | None:  # noqa: D102
+        return ReleasedPlatforms(self, instances) if self.inverse else None
 
     @property
     def result_test(self) -> ResultTest | None:  # noqa: D102

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, ResultTest, Shapes, Starts
+from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, Released, ResultTest, Shapes, Starts
 from multirod.problem.buffers import Buffers
 from multirod.segments import Segments
 from multirod.stability import StabilityAnalysis
@@ -176,9 +176,8 @@ class Offers(Buffers):
         """Unknowns, by their numbers, at whose zero the residual has a kink at the full load, and none at less."""
         return np.zeros(0, dtype=np.intp)
 
-    def begun_otherwise(self) -> tuple[FloatArray, FloatArray] | None:
-        """Inputs, shape (instance_count, size), at which the problem has the same equilibria and another natural branch leads to
-        them; and by how much unknowns are more, (instance_count, n), at its own inputs. None where there are none."""
+    def released(self, instances: NDArray[np.intp]) -> Released | None:
+        """The assemblies of some instances, (k,), without what their inputs hold; None where they hold nothing."""
         return None
 
     @property

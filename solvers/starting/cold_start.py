@@ -1,6 +1,7 @@
 """A solve without a guess: along the natural branch, and from where that ends early by the other ways, one after the other."""
 
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from multirod.problem import BoundaryProblem
 from multirod.solver import Left, Outcome
 from multirod.solvers.continuation.natural import let_go, natural_branch
+from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.following.walk import NOISY
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 # by which a loose network may end that no other way led to a result
 WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
+AT_REST = 1000  # integrations in which an assembly that was let go is to come to rest; 25 to 500 are usual
 # of each instance, beside its outcome, where loads could not be raised further
 KNOWN = ("handed", "tried", "ends", "unbounded", "slack")
 
@@ -118,7 +121,7 @@ class ColdStart:
         if not self.lost.any():
             return self.outcome
         with self._searching():
-            self._begin_otherwise()
+            self._begin_released()
             self._put_together()
         # the poses that it finds are not those of the unknowns: nothing may integrate these again
         if self.handed.any() and self.outcome.reached is not None:
@@ -168,33 +171,39 @@ class ColdStart:
         self.unbounded = let_out(problem, newton, outcome, at_end, lambda some: natural_branch(problem, newton, steps, some))
         outcome.status[self.unbounded] = Status.LINES_TOO_SHORT  # no fold or bifurcation to be followed
 
-    def _begin_otherwise(self) -> None:
-        """Along another natural branch, of what has two, where the first ended."""
-        problem, outcome, newton = self.problem, self.outcome, self.newton
-        lost = self.lost & (outcome.status == Status.BRANCH_END)
-        other = problem.begun_otherwise() if lost.any() else None
-        if other is None:
+    def _begin_released(self) -> None:
+        """From where an assembly rests that nothing holds, to where its inputs hold it, by changing these."""
+        problem, outcome = self.problem, self.outcome
+        places = np.flatnonzero(self.lost & np.isin(outcome.status, WITHOUT_REASON) & (self._allowed > 0))
+        released = problem.released(places) if len(places) else None
+        if released is None:
             return
-        asked, before = problem.read("inputs"), problem.read("unknowns")
-        problem.write("inputs", np.where(lost[:, None], other[0], asked))
-        newton.allow(self._allowed)
-        found = natural_branch(problem, newton, self.options.max_continuation_steps, lost)
-        there = lost & ~failures(found.status)
+        allowed, steps = min(int(self._allowed[places].min()), AT_REST), self.options.max_continuation_steps
+        free = replace(self.options, max_integrations=allowed)._solve(released.problem, None)
+        outcome.iterations[places] += free.iterations
+        outcome.integrations[places] += free.integrations
+        rests = ~failures(free.status)
+        rests[list(free.breakpoints)] = False  # unknowns alone do not lead to these
+        some = np.zeros_like(self.chosen)
+        some[places[rests]] = True
+        if not rests.any():
+            return
+        asked, unknowns = problem.read("inputs"), problem.read("unknowns")
+        before, begun = asked.copy(), unknowns.copy()
+        before[some], begun[some] = (values[rests] for values in released.held())
+        problem.write("inputs", before)
+        with problem.only(some):
+            gamma = problem.evaluate(begun)[1]
         problem.write("inputs", asked)
-        problem.write("unknowns", np.where(there[:, None], problem.read("unknowns") + other[1], before))
-        for name in ("iterations", "integrations"):
-            getattr(outcome, name)[lost] += getattr(found, name)[lost]
-        if not there.any():
-            return
-        newton.allow(self._allowed)
-        newton.run(there)  # at the inputs that were asked for
-        again = newton.outcome()
-        for name in ("iterations", "integrations"):
-            getattr(outcome, name)[there] += getattr(again, name)[there]
-        there &= ~failures(again.status)
+        self.newton.allow(np.maximum(self._allowed - 1, 0))
+        led = Paths(problem, self.newton, steps).change_inputs(some, before, begun, gamma)
+        outcome.iterations += led.iterations
+        outcome.integrations += led.integrations + some
+        there = some & ~failures(led.status)
+        problem.write("unknowns", np.where(there[:, None], problem.read("unknowns"), unknowns))
         outcome.status[there] = Status.CONVERGED
-        newton.allow(self._allowed)
-        refine(problem, newton, outcome, there)
+        self.newton.allow(self._allowed)
+        refine(problem, self.newton, outcome, there)
 
     def _put_together(self) -> None:
         """By joints that close, and where several stable equilibria are meant, to the lowest one."""

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from multirod.capabilities import Loading
 from multirod.kernels.shared import Shared
 from multirod.models.backbone.stability.conjugates import GIVE
-from multirod.models.platform.platform_kernels import POSE
 from multirod.models.platform.starting.guess import (
     COMPLIANCES,
     SHORT,
@@ -21,13 +20,17 @@ from multirod.models.platform.starting.guess import (
     Legs,
     beam_reach,
     fitted_platform,
+    straight_legs,
     tip_answers,
 )
-from multirod.rotations import matrices
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.platform.problem import ParallelProblem
+
+
+LEG_STEPS = 8  # by which a leg is led to its attachment
+SETTLED = 0.3  # of its unknowns: after a step that is no longer it is there, near enough
 
 
 @dataclass(frozen=True)
@@ -74,8 +77,7 @@ class Closing:
         if self._found is None or not np.array_equal(self._found.inputs, inputs):
             with self.unloaded():
                 x, legs, at = self.unloaded_legs()
-                candidates = self._bent(x, legs, at)
-                x, residual, gamma, tried = self._best(candidates)
+                x, residual, gamma, tried = (self._leg_by_leg if self.problem.inverse else self._best)(self._bent(x, legs, at))
             sound = np.isfinite(gamma).all(axis=(1, 2))
             least = np.ones(self.problem.instance_count)
             least[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
@@ -119,6 +121,8 @@ class Closing:
             unloaded = group.backbones.guess().reshape(self.problem.instance_count, len(group.members), -1)
             for place, leg in enumerate(group.members):
                 x[:, self.problem.own[leg]] = unloaded[:, place]
+        if self.problem.inverse:
+            x[:, self.problem.platform] = straight_legs(self.problem)
         self.problem.write("unknowns", x)
         self.problem.integrate()
         return x, self._legs(), self.problem.attachments()
@@ -144,18 +148,46 @@ class Closing:
                 break
         return x, residual, best, tried
 
+    def _leg_by_leg(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int_]]:
+        """(11b) As ``_best``: from the first candidate each leg is led to its attachment by itself; that candidate where one does
+        not come there."""
+        problem, x = self.problem, np.array(candidates[0])
+        rows = np.array([np.arange(own.start, own.stop) for own in problem.own])
+        columns = np.column_stack([rows[:, :-1], problem.platform.start + np.arange(len(rows))])  # not the force along the base
+        residual, gamma = problem.evaluate(x)
+        begun = x.copy(), residual.copy(), gamma.copy()
+        tried = np.ones(len(x), dtype=int)
+        going, settled = np.ones(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
+        for _ in range(LEG_STEPS):
+            blocks = gamma[:, rows[:, :, None], columns[:, None, :]]
+            going &= np.isfinite(blocks).all(axis=(1, 2, 3)) & (np.linalg.slogdet(np.nan_to_num(blocks))[0] != 0).all(axis=1)
+            if not going.any():
+                break
+            step = np.zeros((len(x), *rows.shape))
+            step[going] = -np.linalg.solve(blocks[going], residual[going][:, rows, None])[..., 0]
+            x[:, columns] += step
+            with problem.only(going):
+                found = problem.evaluate(x)
+            residual[going], gamma[going] = found[0][going], found[1][going]
+            tried += going
+            done = going & (np.linalg.norm(step, axis=2) <= SETTLED * np.linalg.norm(x[:, columns], axis=2)).all(axis=1)
+            settled |= done
+            going &= ~done
+        sound = settled & np.isfinite(gamma).all(axis=(1, 2))
+        for values, before in zip((x, residual, gamma), begun, strict=True):
+            values[~sound] = before[~sound]
+        return x, residual, gamma, tried
+
     def _bent(self, unloaded: FloatArray, legs: Legs, at: Attachments) -> Sequence[FloatArray]:
         """Unknowns of the unloaded legs, and what closes their joints if they are beams, for each of ``COMPLIANCES``."""
-        ways = len(COMPLIANCES)
+        compliances = COMPLIANCES[:1] if self.problem.inverse else COMPLIANCES  # legs whose lengths are free need not give way
+        ways = len(compliances)
         x = np.concatenate([unloaded] * ways)
         start = None if self.problem.inverse else fitted_platform(legs, at)
-        legs, at = legs.softened(COMPLIANCES), at.repeated(ways)
+        legs, at = legs.softened(compliances), at.repeated(ways)
         if start is None:
-            pose = np.concatenate(
-                [self.problem.read("inputs")[:, self.problem._places["platform_position"].start :][:, :POSE]] * ways
-            )
-            reach, added = beam_reach(legs, at, pose[:, :3], matrices(pose[:, 3:]))
-            x[:, self.problem.platform] = reach / legs.length**2
+            reach, added = beam_reach(legs, at, *self.problem.pose())
+            x[:, self.problem.platform] += reach / self.problem.length[:, :-1] ** 2
         else:
             shape = (ways * self.problem.instance_count, len(self.problem.geometry.legs))
             beams = self.problem.tool(("BeamEquilibrium", *shape), lambda: BeamEquilibrium(*shape))

@@ -260,15 +260,12 @@ def rotation_vectors(rotations: FloatArray) -> FloatArray:
     return np.asarray(vectors(rotations.reshape(-1, 3, 3)).reshape(rotations.shape[:-1]))
 
 
-def straight_legs(problem: "ParallelProblem") -> tuple[FloatArray, FloatArray]:
-    """(10b) Of the inverse problem: inputs by which legs are as long as straight from base to attachment where they begin, and by
-    how much unknowns are more at the problem's own."""
-    asked, own, geometry = problem.read("inputs"), problem.input_slice("translation"), problem.geometry
-    position, rotation = problem.pose()
-    legs = len(geometry.legs)
+def straight_legs(problem: "ParallelProblem") -> FloatArray:
+    """(10b) Of the inverse problem: unknowns by which each leg is as long as straight from base to attachment [1/m], shape
+    (instance_count, leg)."""
+    geometry, (position, rotation) = problem.geometry, problem.pose()
+    legs, length = len(geometry.legs), problem.length[:, :-1]
     base, attached = (batched(problem, poses, (legs, 4, 4))[:, :, :3, 3] for poses in (geometry.base, geometry.platform))
     ends = position[:, None] + (rotation[:, None] @ attached[..., None])[..., 0]
-    begun, length, more = asked.copy(), problem.length[:, :-1], np.zeros((problem.instance_count, problem.unknown_count))
-    begun[:, own] = np.linalg.norm(ends - base, axis=-1) - length
-    more[:, problem.platform] = (begun - asked)[:, own] / length**2
-    return begun, more
+    given = problem.read("inputs")[:, problem.input_slice("translation")]
+    return np.asarray((np.linalg.norm(ends - base, axis=-1) - length - given) / length**2)
