@@ -33,7 +33,8 @@ class Shooting(Solver):
         max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start. ``iterations`` of a
             solution counts those of all steps, and may be more.
         predictor: How a motion's next sample is guessed: from the last one (``"none"``), by ``"linear"`` or ``"quadratic"``
-            extrapolation in time, or by whichever of these two foretold the last samples better (``"adaptive"``, the default).
+            extrapolation in time, or by whichever of these two foretold the last samples better (``"adaptive"``, the default),
+            linear where lines that are driven by their lengths may turn slack.
         line_search: Whether steps that do not reduce the residual are halved.
         max_continuation_steps: Load steps allowed; where legs or networks are put together first, four times as many for joints
             and for loads.

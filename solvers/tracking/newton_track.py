@@ -28,7 +28,7 @@ SAME = 1e-6  # unknowns that are, beside 1/m and themselves
 FRESH = 1e-3  # of the way between two samples, that the first step from where a motion has just come to is
 JUST_THERE = 1 - 1e-9  # of the way between two samples: its end, taken for where a branch ended
 DIP = 0.1  # of the load, that is taken off on the way past a kink
-QUADRATIC = 2  # order of an extrapolation
+LINEAR, QUADRATIC = 1, 2  # orders of extrapolation
 _CONVERGED = int(Status.CONVERGED)
 
 
@@ -49,7 +49,8 @@ class NewtonTrack(Track):
     Args:
         options: Whose.
         problem: At the inputs of each sample.
-        order: Of the extrapolation; None for linear or quadratic, whichever foretold the last samples of an instance better.
+        order: Of the extrapolation; None for linear or quadratic, whichever foretold the last samples of an instance better, and
+            linear where lines may turn slack.
     """
 
     def __init__(self, options: "Shooting", problem: BoundaryProblem, order: int | None) -> None:
@@ -58,6 +59,8 @@ class NewtonTrack(Track):
         self.newton = options.newton(problem)
         self.newton.expect()
         self.order, self.chooses = QUADRATIC if order is None else order, order is None
+        if self.chooses and len(problem.kinks):  # which more of the past leads past
+            self.order, self.chooses = LINEAR, False
         count, n = problem.instance_count, problem.unknown_count
         # on a processor, NumPy and the kernel of a sample share what is kept
         state: Any = Sample()
