@@ -558,6 +558,8 @@ def test_inputs_are_given_by_name():
     np.testing.assert_array_equal(robot.inputs(force=np.arange(6).reshape(2, 3)).force, np.arange(6))
     for match, given in (
         ("force = 'disc 7' is not allowed: must be by name, one of 'disc 0', 'disc 1'", {"force": {"disc 7": (1, 0, 0)}}),
+        (r"force = \(1, 2, 3\) is not allowed: must say whose it is, such as {'disc 0': ...}, one of", {"force": (1, 2, 3)}),
+        (r"force = \[\[1, 2\], \[3\]\] is not allowed: must be numeric", {"force": [[1, 2], [3]]}),
         (r"force\['disc 1'\] = \(1, 0\) is not allowed: must have shape \(..., 3\)", {"force": {"disc 1": (1, 0)}}),
         ("rod 'piece 0': translation = -0.5", {"translation": {"piece 0": -0.5}}),
         ("no rod has a linear_density, and no body a mass", {"gravity": (0, 0, -9.81)}),

@@ -95,16 +95,21 @@ NO_JOINT = {  # why each of these may not be given
 
 def in_order(name: str, value: object, sizes: Mapping[str, int]) -> object:
     """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
-    if not isinstance(value, Mapping):
-        given = np.asarray(value) if isinstance(value, (np.ndarray, list, tuple)) else None
-        stacked = (
-            given is not None
-            and name in (*ON_PLACES, *ON_RODS, *FIXED)
-            and len(sizes) > 1
-            and given.shape[-2:] == (len(sizes), 3)
-        )
-        return given.reshape(*given.shape[:-2], -1) if stacked and given is not None else value
-    return by_name(name, value, sizes)
+    if isinstance(value, Mapping):
+        return by_name(name, value, sizes)
+    several = name in (*ON_PLACES, *ON_RODS, *FIXED) and len(sizes) > 1
+    if not several or not isinstance(value, (np.ndarray, list, tuple)):
+        return value
+    try:
+        given = np.asarray(value)
+    except Exception:  # noqa: BLE001  (ragged, or whatever someone's object raises: refused where it is read)
+        return value
+    if given.shape[-2:] == (len(sizes), 3):
+        return given.reshape(*given.shape[:-2], -1)
+    if given.shape[-1:] == (3,):
+        first = next(iter(sizes))
+        refuse(name, value, f"must say whose it is, such as {{{first!r}: ...}}, one of {', '.join(map(repr, sizes))}")
+    return value
 
 
 def by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> FloatArray:
