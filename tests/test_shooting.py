@@ -63,6 +63,7 @@ def test_paper_motion_converges_in_two_or_three_integrations(runs: dict[str, mr.
     # extrapolation errs by O(dt^3): Newton's one step squares that to below 1e-9
     for predictor in ("quadratic", "adaptive"):
         assert runs[predictor].integrations[3:].max() <= 2
+        np.testing.assert_array_equal(runs[predictor].integrations[:3], runs["linear"].integrations[:3])  # two samples are a line
 
 
 def test_better_predictors_need_fewer_integrations(runs: dict[str, mr.History]) -> None:

@@ -379,9 +379,11 @@ def keep_sample(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int):
             miss = wp.max(miss, wp.abs(state.unknowns[t, i] - foreseen(sample, t, i, k + 2)))
         sample.misses[t, k] = miss
     for i in range(state.unknowns.shape[1]):
-        sample.past[t, 2, i] = sample.past[t, 1, i]
-        sample.past[t, 1, i] = sample.past[t, 0, i]
-        sample.past[t, 0, i] = state.unknowns[t, i]
+        found, last, before = state.unknowns[t, i], f64(sample.past[t, 0, i]), f64(sample.past[t, 1, i])
+        # of what began, or stood still, both orders lead where the linear one does
+        sample.past[t, 2, i] = wp.where(before == last, f64(2.0) * last - found, before)
+        sample.past[t, 1, i] = last
+        sample.past[t, 0, i] = found
     for i in range(sample.inputs.shape[1]):
         sample.last_inputs[t, i] = sample.inputs[t, i]
     for i in range(state.reference.shape[1]):

@@ -39,6 +39,12 @@ def extrapolated(past: FloatArray, points: int) -> FloatArray:
     return past[:, 0] if points < 2 else np.asarray(2 * past[:, 0] - past[:, 1])
 
 
+def _shifted(past: FloatArray, found: FloatArray) -> FloatArray:
+    """The last samples once another is found. Of what began, or stood still, both orders lead where the linear one does."""
+    last, before = past[:, 0], past[:, 1]
+    return np.stack([found, last, np.where(before == last, 2 * last - found, before)], axis=1)
+
+
 class NewtonTrack(Track):
     """Newton along a motion: the last samples' unknowns, extrapolated, start the next.
 
@@ -298,8 +304,7 @@ class NewtonTrack(Track):
         past = self._past
         if self.all_known and (outcome.status == _CONVERGED).all():
             self._learn(found, np.ones_like(self.known), np.zeros_like(self.known))
-            past[:, 1:] = past[:, :2]
-            past[:, 0] = found
+            past[:] = _shifted(past, found)
             self._last_inputs[:] = inputs
             self.newton.set_reference()
         else:
@@ -312,7 +317,7 @@ class NewtonTrack(Track):
             kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
             self._learn(found, good, new[:, 0])
             last = past[:, 0].copy()
-            for k, point in ((2, past[:, 1]), (1, past[:, 0]), (0, found)):
+            for k, point in enumerate(np.moveaxis(_shifted(past, found), 1, 0)):
                 past[:, k] = np.where(new, found, np.where(kept, point, last))
             self._last_inputs[:] = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
             self.newton.set_reference(good)
