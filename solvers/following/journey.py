@@ -318,8 +318,8 @@ class Journey(Walk):
         ratio = yield from self._shrinks(critical, beyond.level, landed, first, after)
         if ratio < SAME_BRANCH and (turn < RETURNED or not first.any()):
             return None
-        near = ratio if turn > FAR else max(ratio, SAME_BRANCH)
-        return Status.BIFURCATED if SAME_BRANCH <= near <= APART else Status.SNAPPED
+        elsewhere = ratio > APART or (turn > FAR and ratio < SAME_BRANCH)
+        return Status.SNAPPED if elsewhere else Status.BIFURCATED
 
     def _pass(self, critical: Point, step: float) -> Run:
         """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not at the end."""

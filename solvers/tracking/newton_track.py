@@ -32,7 +32,7 @@ LINEAR, QUADRATIC = 1, 2  # orders of extrapolation
 _CONVERGED = int(Status.CONVERGED)
 
 
-def extrapolated(past: FloatArray, points: int) -> FloatArray:
+def _extrapolated(past: FloatArray, points: int) -> FloatArray:
     """What comes next by so many of the last samples (instance, 3, n), the latest first; shape (instance, n)."""
     if points > 2:
         return np.asarray(3 * (past[:, 0] - past[:, 1]) + past[:, 2])
@@ -154,17 +154,17 @@ class NewtonTrack(Track):
     def _foreseen(self) -> FloatArray:
         """Unknowns by extrapolation of the last samples, shape (instance_count, n)."""
         points = int(self._points[0])
-        guess = extrapolated(self._past, points)
-        if not self.chooses or points <= QUADRATIC:
+        guess = _extrapolated(self._past, points)
+        if not self.chooses or points <= 2:
             return guess
         less = self._misses[:, 0] < self._misses[:, 1]
-        return np.where(less[:, None], extrapolated(self._past, QUADRATIC), guess)
+        return np.where(less[:, None], _extrapolated(self._past, 2), guess)
 
     def _learn(self, found: FloatArray, good: BoolArray, new: BoolArray) -> None:
         """How far each order missed what was found, of instances that are ``good``; ``new`` ones have no past."""
         if self.chooses:
             for k in range(int(self._points[0]) - 1):
-                miss = np.abs(found - extrapolated(self._past, k + 2)).max(axis=1)
+                miss = np.abs(found - _extrapolated(self._past, k + 2)).max(axis=1)
                 self._misses[good, k] = np.maximum(miss, FORGOTTEN * self._misses[:, k])[good]
             self._misses[new] = 0.0
 

@@ -77,7 +77,10 @@ class Closing:
         if self._found is None or not np.array_equal(self._found.inputs, inputs):
             with self.unloaded():
                 x, legs, at = self.unloaded_legs()
-                x, residual, gamma, tried = (self._leg_by_leg if self.problem.inverse else self._best)(self._bent(x, legs, at))
+                if self.problem.inverse:
+                    x, residual, gamma, tried = self._leg_by_leg(x, legs, at)
+                else:
+                    x, residual, gamma, tried = self._best(self._bent(x, legs, at))
             sound = np.isfinite(gamma).all(axis=(1, 2))
             least = np.ones(self.problem.instance_count)
             least[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
@@ -148,10 +151,17 @@ class Closing:
                 break
         return x, residual, best, tried
 
-    def _leg_by_leg(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int_]]:
-        """(11b) As ``_best``: from the first candidate each leg is led to its attachment by itself; that candidate where one does
-        not come there."""
-        problem, x = self.problem, np.array(candidates[0])
+    def _leg_by_leg(
+        self, unloaded: FloatArray, legs: Legs, at: Attachments
+    ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int_]]:
+        """(11b) As ``_best``, of the inverse problem: each leg is led to its attachment by itself, from where it would be if it
+        were a beam; that where one does not come there."""
+        problem, x = self.problem, unloaded.copy()
+        # legs whose lengths are free need not give way: the least compliance
+        reach, added = beam_reach(legs.softened(COMPLIANCES[:1]), at, *problem.pose())
+        x[:, problem.platform] += reach / problem.length[:, :-1] ** 2
+        for own, values in zip(problem.own, added, strict=True):
+            x[:, own] += values
         rows = np.array([np.arange(own.start, own.stop) for own in problem.own])
         columns = np.column_stack([rows[:, :-1], problem.platform.start + np.arange(len(rows))])  # not the force along the base
         residual, gamma = problem.evaluate(x)
@@ -180,19 +190,14 @@ class Closing:
 
     def _bent(self, unloaded: FloatArray, legs: Legs, at: Attachments) -> Sequence[FloatArray]:
         """Unknowns of the unloaded legs, and what closes their joints if they are beams, for each of ``COMPLIANCES``."""
-        compliances = COMPLIANCES[:1] if self.problem.inverse else COMPLIANCES  # legs whose lengths are free need not give way
-        ways = len(compliances)
+        ways = len(COMPLIANCES)
         x = np.concatenate([unloaded] * ways)
-        start = None if self.problem.inverse else fitted_platform(legs, at)
-        legs, at = legs.softened(compliances), at.repeated(ways)
-        if start is None:
-            reach, added = beam_reach(legs, at, *self.problem.pose())
-            x[:, self.problem.platform] += reach / self.problem.length[:, :-1] ** 2
-        else:
-            shape = (ways * self.problem.instance_count, len(self.problem.geometry.legs))
-            beams = self.problem.tool(("BeamEquilibrium", *shape), lambda: BeamEquilibrium(*shape))
-            position, rotation, added = beams.found(legs, at, *(np.concatenate([value] * ways) for value in start))
-            x[:, self.problem.platform] = self.problem.pose_unknowns(position, rotation)
+        start = fitted_platform(legs, at)
+        legs, at = legs.softened(COMPLIANCES), at.repeated(ways)
+        shape = (ways * self.problem.instance_count, len(self.problem.geometry.legs))
+        beams = self.problem.tool(("BeamEquilibrium", *shape), lambda: BeamEquilibrium(*shape))
+        position, rotation, added = beams.found(legs, at, *(np.concatenate([value] * ways) for value in start))
+        x[:, self.problem.platform] = self.problem.pose_unknowns(position, rotation)
         for own, values in zip(self.problem.own, added, strict=True):
             x[:, own] += values
         return np.split(x, ways)
