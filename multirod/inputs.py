@@ -213,7 +213,7 @@ class Inputs(ReadOnly):
 
     def has(self, names: Sequence[str]) -> bool:
         """Whether inputs of these names were all given as numbers."""
-        return all(name in self._arrays for name in names)
+        return self._arrays.keys() >= set(names)
 
     def array(self, name: str) -> FloatArray:
         """Values of an input as they were given, their leading axes not broadcast."""

@@ -311,12 +311,12 @@ class BackboneProblem(BoundaryProblem):
         if self.judged_often:
             expect(make_form, self.device)
 
-    @property
+    @cached_property
     def _may_condense(self) -> bool:
         """Whether a kernel may condense the second variation: without conditions on lines."""
         return not self.features.condition_count
 
-    @property
+    @cached_property
     def _judged_by_solves(self) -> bool:
         """Whether solves look at stability so often that a kernel pays which all such rods share: on the processor, of what is
         multistable, as rods are whose tips are held."""

@@ -1,6 +1,7 @@
 """Rows of a task: what is asked of an equilibrium, or measured of it. Numbers in parentheses: ``docs/tasks.md``."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
@@ -192,17 +193,17 @@ class PoseRows:
     whitening: FloatArray | None = None
     place: tuple[int, int] | None = None
 
-    @property
+    @cached_property
     def kind(self) -> Kind:
         """What they have, as kernels read it."""
         return _kind(self)
 
-    @property
+    @cached_property
     def given(self) -> tuple[str, ...]:
         """Names of what they have, of ``PARTS``."""
         return _given(self)
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Rows."""
         return row_count(self.kind)

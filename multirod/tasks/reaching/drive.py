@@ -5,12 +5,14 @@ from functools import cache, partial
 from math import prod
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from multirod.kernels.repeated_kernels import Calls, callable_from_kernels
 from multirod.kernels.shared import Shared
 from multirod.launch import Launch, expect, record
 from multirod.problem import FEW
+from multirod.status import Status
 from multirod.tasks.condensed import condensed
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
@@ -50,6 +52,7 @@ class DriveArrays:
         values: NumPy's arrays by the names of ``Drive``, those of the limits of steps by ``step_limits``.
         places: Of these where instances start, were last and are, and where they found a fold.
         all_x, all_p: Of the first three of these at once, shapes (3, b, n), (3, b, k).
+        all_reached: What ``status`` is as bytes where all instances are at their targets.
         limits: Rows of limits whose numbers are in ``values``; None are none.
         scale: The scale of curvatures that is there, (b,); likewise.
     """
@@ -108,6 +111,7 @@ class DriveArrays:
         self._bound: tuple[Any, ...] = (None, None)  # launches that ``_loop`` repeats
         self._loop: Launch | None = None
         self._count = self.values["count"]
+        self.all_reached = np.full(count, Status.REACHED, dtype=np.int32).tobytes()
         self.limits: LimitRows | None = None
         self.scale: FloatArray | None = None
 

@@ -28,7 +28,6 @@ from multirod.tasks.rows import Pose
 from multirod.validation import (
     Described,
     FloatArray,
-    Kind,
     choice,
     device_name,
     instance,
@@ -120,7 +119,8 @@ def reach(
     except ValueError:
         refuse("target", Described(f"leading axes {target.batch_shape}"), f"must broadcast with the inputs' {given.batch_shape}")
     rows, unit, problem_options = known_rows(robot, limits, free) if known is None else known
-    begin = _begin(given, free, shape)
+    whole = shape == given.batch_shape and given.has(free)
+    begin = _begin(given, free, shape, whole)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
     centre = middle(rows) if prefer == "middle" else None
     if prefer == "smallest tension":
@@ -132,7 +132,7 @@ def reach(
     work = Work(
         robot=robot,
         target=target,
-        inputs=given if shape == given.batch_shape and given.has(free) else with_values(given, free, begin),
+        inputs=given if whole else with_values(given, free, begin),
         free=free,
         limits=rows,
         of_shape=limits if limits is not None and limits.of_shape else None,
@@ -167,9 +167,10 @@ def _slack(robot: Assembly, free: tuple[str, ...], begin: FloatArray) -> FloatAr
     return np.where(others, begin[0] if len(begin) else 0.0, 0.0)
 
 
-def _begin(given: Inputs, free: tuple[str, ...], shape: tuple[int, ...]) -> FloatArray:
-    """The freed numbers of inputs with these leading axes, one input after another, shape (..., k)."""
-    if not shape and given.has(free):
+def _begin(given: Inputs, free: tuple[str, ...], shape: tuple[int, ...], whole: bool) -> FloatArray:
+    """The freed numbers of inputs with these leading axes, one input after another, shape (..., k); ``whole`` whether all were
+    given so."""
+    if whole and not shape:
         return np.concatenate([given.array(name) for name in free])
     return np.concatenate([_with_axes(getattr(given, name), shape) for name in free], axis=-1)
 
@@ -180,15 +181,11 @@ def _with_axes(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> Reached[Any]:
-    all_, of_shape = _found(work, status, spent, threads), work.of_shape
-    first = all_[0]
-    aim = Aim(work.target, work.free, work.limits, work.unit, () if of_shape is None else of_shape.shape_names, first.weight)
-    chosen = Chosen(work.inputs, work.free, first.places, work.batch_shape)
-    scene = Scene(work.robot, work.batch_shape, work.method.integrator, work.device, first.fields, chosen, threads=threads)
-    status, iterations, integrations = (_joined([part.ended[k] for part in all_]) for k in range(3))
-    outcome = Outcome(status, iterations, integrations)
-    ends = Ends.joined([part.ends for part in all_])
-    result: Reached[Any] = Reached(scene, _joined([part.records for part in all_]), outcome, aim, ends)
+    whole, of_shape = _Part.joined(_found(work, status, spent, threads)), work.of_shape
+    aim = Aim(work.target, work.free, work.limits, work.unit, () if of_shape is None else of_shape.shape_names, whole.weight)
+    chosen = Chosen(work.inputs, work.free, whole.places, work.batch_shape)
+    scene = Scene(work.robot, work.batch_shape, work.method.integrator, work.device, whole.fields, chosen, threads=threads)
+    result: Reached[Any] = Reached(scene, whole.records, Outcome(*whole.ended), aim, whole.ends)
     result.mind_strain()
     return result
 
@@ -231,6 +228,16 @@ class _Part:
     places: NDArray[np.intp]
     weight: FloatArray
 
+    @classmethod
+    def joined(cls, parts: "list[_Part]") -> "_Part":
+        """All of a batch, which may be one part alone."""
+        first = parts[0]
+        if len(parts) == 1:
+            return first
+        status, iterations, integrations = (np.concatenate([part.ended[k] for part in parts]) for k in range(3))
+        records, ends = np.concatenate([part.records for part in parts]), Ends.joined([part.ends for part in parts])
+        return cls(records, (status, iterations, integrations), ends, first.fields, first.places, first.weight)
+
 
 def _none(work: Work) -> _Part:
     """What comes of no instance."""
@@ -243,7 +250,3 @@ def _none(work: Work) -> _Part:
     ends = Ends(np.zeros((0, rows.count)), by_shape)
     places = Task(problem, work.free).places
     return _Part(problem.snapshot()[:0], (nobody, nobody, nobody), ends, problem.record_fields, places, rows.weight)
-
-
-def _joined(arrays: list[NDArray[Kind]]) -> NDArray[Kind]:
-    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)

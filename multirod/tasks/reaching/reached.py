@@ -79,8 +79,6 @@ class Ends:
     @classmethod
     def joined(cls, ends: "list[Ends]") -> "Ends":
         """All of the parts of a batch."""
-        if len(ends) == 1:
-            return ends[0]
         held = [own.by_shape for own in ends if own.by_shape is not None]
         by_shape = None
         if held:

@@ -224,7 +224,7 @@ class Search:
     @property
     def all_reached(self) -> bool:
         """Whether all instances are at their targets."""
-        return bool(np.count_nonzero(self.status == REACHED) == len(self.status))
+        return bool(self.status.tobytes() == self._arrays.all_reached)  # bytes are compared at once
 
     def tried(self, chosen: BoolArray) -> None:
         """Drive the instances chosen from where they begin now, at once or not at all.
