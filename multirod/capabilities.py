@@ -234,8 +234,8 @@ class Released(ABC):
     problem: "BoundaryProblem"
 
     @abstractmethod
-    def held(self) -> tuple[FloatArray, FloatArray]:
-        """The problem's equilibria as those of what is held: its inputs there, shape (k, input_count), and unknowns, (k, n)."""
+    def held(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Equilibria as those of what is held: inputs (k, input_count), unknowns (k, n), how far from the inputs given (k,)."""
 
 
 class ResultTest(ABC):

@@ -12,6 +12,7 @@ from multirod.models.platform.problem import ParallelProblem
 from multirod.rotations import vectors
 from multirod.solvers.continuation.natural import natural_branch
 from multirod.solvers.starting import cold_start
+from multirod.solvers.starting.releasing import AT_REST_SCATTERED, SCATTERED
 from multirod.status import failures
 
 AGAIN = 46  # numbers of robots that are solved by putting them together anew,
@@ -251,5 +252,48 @@ def test_a_pose_is_reached_from_where_the_robot_rests_when_its_platform_is_let_g
     np.testing.assert_allclose(inverse.translations(found), translation, rtol=0, atol=1e-7 * length.max())  # 1e-10 was seen
     assert (found.stability == mr.Stability.STABLE).all()
     assert found.integrations.max() < 1000
-    monkeypatch.setattr(ParallelProblem, "released", lambda self, instances: None)
+    monkeypatch.setattr(ParallelProblem, "released", lambda self, *numbers: None)
     assert mr.solve(inverse, inputs).failed.all()
+
+
+def test_a_pose_that_no_other_way_leads_to_is_reached_from_legs_of_several_lengths():
+    """(10d) As above, of poses farther off: the translations that the robot stands by, alone as in a batch."""
+    drawn = draw(96)
+    robot, turned = drawn.robot, drawn.loads["rotation"]
+    length = np.array([rod.length for rod in robot.rods])
+    translation = length * np.random.default_rng(0).uniform(-0.25, 0.25, (8, 6))[[0, 2, 7]]
+    there = mr.solve(robot, robot.inputs(translation=translation, rotation=turned)).raise_if_failed()
+    inverse, place, turn = robot.inverse(), there.tip_position, vectors(there.tip_rotation)
+    inputs = inverse.inputs(platform_position=place, platform_rotation=turn, rotation=turned)
+    found = mr.solve(inverse, inputs).raise_if_failed()
+    np.testing.assert_allclose(inverse.translations(found), translation, rtol=0, atol=1e-7 * length.max())  # 1e-11 was seen
+    assert (found.stability == mr.Stability.STABLE).all()
+    alone = mr.solve(inverse, inverse.inputs(platform_position=place[1], platform_rotation=turn[1], rotation=turned))
+    np.testing.assert_array_equal(alone.unknowns, found.unknowns[1])
+    without = mr.solve(inverse, inputs, solver=mr.Shooting(max_integrations=SCATTERED * AT_REST_SCATTERED))
+    assert without.failed.all()
+    assert (without.integrations < 1000).all()  # so much they did not take: there was nothing more to do
+
+
+def test_legs_of_a_platform_that_is_let_go_are_no_shorter_than_the_way_to_their_attachments():
+    """(10d) Up to half as long again, most of them little, by the same parts for every pose, within limits."""
+    robot = draw(177).robot
+    length, high = np.array([rod.length for rod in robot.rods]), 0.2
+    poses = {"platform_position": [(0, 0, 0.7 * length.mean()), (0.1 * length.mean(), 0, length.mean())]}
+    ways = np.linalg.norm(np.array(poses["platform_position"])[:, None] + robot.platform[:, :3, 3] - robot.base[:, :3, 3], axis=2)
+    parts = []
+    for limits in (None, (-np.inf, high * length)):
+        inverse = robot.inverse(limits=limits)
+        problem = inverse.problem(inverse.inputs(translation=0.01 * length, **poses), integrator=mr.RK4(20))
+        released = problem.released(np.repeat([0, 1], 17), np.tile(np.arange(17), 2)).problem
+        pushed = released.read("inputs")[:, released.input_slice("translation")].reshape(2, 17, 6)
+        parts.append((pushed + length) / ways[:, None] - 1)
+    np.testing.assert_allclose(parts[0][0], parts[0][1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(parts[0][:, 0], 0, atol=1e-12)
+    drawn = parts[0][:, 1:]
+    assert drawn.min() >= 0
+    assert 0.4 < drawn.max() <= 0.5
+    assert 0.03 < np.median(drawn) < 0.1  # 1/16 of what is drawn evenly
+    most = (1 + high) * length / ways[:, None] - 1
+    assert (drawn > most).any()
+    np.testing.assert_allclose(parts[1][:, 1:], np.minimum(drawn, most), rtol=0, atol=1e-12)

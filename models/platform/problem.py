@@ -180,8 +180,8 @@ class ParallelProblem(BoundaryProblem):
         """None of the inverse problem: its platform is where it is to be."""
         return None if self.inverse else PlatformStarts(self)
 
-    def released(self, instances: IntArray) -> ReleasedPlatforms | None:  # noqa: D102
-        return ReleasedPlatforms(self, instances) if self.inverse else None
+    def released(self, instances: IntArray, numbers: IntArray | None = None) -> ReleasedPlatforms | None:  # noqa: D102
+        return ReleasedPlatforms(self, instances, numbers) if self.inverse else None
 
     @property
     def result_test(self) -> ResultTest | None:  # noqa: D102

@@ -176,8 +176,9 @@ class Offers(Buffers):
         """Unknowns, by their numbers, at whose zero the residual has a kink at the full load, and none at less."""
         return np.zeros(0, dtype=np.intp)
 
-    def released(self, instances: NDArray[np.intp]) -> Released | None:
-        """The assemblies of some instances, (k,), without what their inputs hold; None where they hold nothing."""
+    def released(self, instances: NDArray[np.intp], numbers: NDArray[np.intp] | None = None) -> Released | None:
+        """The assemblies of some instances, (k,), without what their inputs hold; None where they hold nothing. ``numbers``
+        (k,), from 1, are of the places that they are scattered to; 0, the default, is nearest to what inputs hold."""
         return None
 
     @property

@@ -1,7 +1,6 @@
 """A solve without a guess: along the natural branch, and from where that ends early by the other ways, one after the other."""
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +8,6 @@ import numpy as np
 from multirod.problem import BoundaryProblem
 from multirod.solver import Left, Outcome
 from multirod.solvers.continuation.natural import let_go, natural_branch
-from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.following.walk import NOISY
@@ -18,6 +16,7 @@ from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import assemble
 from multirod.solvers.starting.letting_out import let_out, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
+from multirod.solvers.starting.releasing import Releasing
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
 
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 # by which a loose network may end that no other way led to a result
 WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
-AT_REST = 1000  # integrations in which an assembly that was let go is to come to rest; 25 to 500 are usual
 # of each instance, beside its outcome, where loads could not be raised further
 KNOWN = ("handed", "tried", "ends", "unbounded", "slack")
 
@@ -121,7 +119,7 @@ class ColdStart:
         if not self.lost.any():
             return self.outcome
         with self._searching():
-            self._begin_released()
+            self._released().begin(self.lost & np.isin(self.outcome.status, WITHOUT_REASON))
             self._put_together()
         # the poses that it finds are not those of the unknowns: nothing may integrate these again
         if self.handed.any() and self.outcome.reached is not None:
@@ -129,6 +127,7 @@ class ColdStart:
         if self.options.fallback and failures(self.outcome.status).any():
             in_segments(self.options).rescue(self.problem, self.outcome, self._allowed, self.tried)
         self._follow()
+        self._begin_anywhere()
         self._say_why()
         return self.outcome
 
@@ -171,39 +170,14 @@ class ColdStart:
         self.unbounded = let_out(problem, newton, outcome, at_end, lambda some: natural_branch(problem, newton, steps, some))
         outcome.status[self.unbounded] = Status.LINES_TOO_SHORT  # no fold or bifurcation to be followed
 
-    def _begin_released(self) -> None:
-        """From where an assembly rests that nothing holds, to where its inputs hold it, by changing these."""
-        problem, outcome = self.problem, self.outcome
-        places = np.flatnonzero(self.lost & np.isin(outcome.status, WITHOUT_REASON) & (self._allowed > 0))
-        released = problem.released(places) if len(places) else None
-        if released is None:
-            return
-        allowed, steps = min(int(self._allowed[places].min()), AT_REST), self.options.max_continuation_steps
-        free = replace(self.options, max_integrations=allowed)._solve(released.problem, None)
-        outcome.iterations[places] += free.iterations
-        outcome.integrations[places] += free.integrations
-        rests = ~failures(free.status)
-        rests[list(free.breakpoints)] = False  # unknowns alone do not lead to these
-        some = np.zeros_like(self.chosen)
-        some[places[rests]] = True
-        if not rests.any():
-            return
-        asked, unknowns = problem.read("inputs"), problem.read("unknowns")
-        before, begun = asked.copy(), unknowns.copy()
-        before[some], begun[some] = (values[rests] for values in released.held())
-        problem.write("inputs", before)
-        with problem.only(some):
-            gamma = problem.evaluate(begun)[1]
-        problem.write("inputs", asked)
-        self.newton.allow(np.maximum(self._allowed - 1, 0))
-        led = Paths(problem, self.newton, steps).change_inputs(some, before, begun, gamma)
-        outcome.iterations += led.iterations
-        outcome.integrations += led.integrations + some
-        there = some & ~failures(led.status)
-        problem.write("unknowns", np.where(there[:, None], problem.read("unknowns"), unknowns))
-        outcome.status[there] = Status.CONVERGED
-        self.newton.allow(self._allowed)
-        refine(problem, self.newton, outcome, there)
+    def _released(self) -> Releasing:
+        return Releasing(self.options, self.problem, self.newton, self.outcome)
+
+    def _begin_anywhere(self) -> None:
+        """What inputs hold, from several places where it would rest."""
+        if self.options.at_fold != "stop":
+            with self._searching():
+                self._released().begin_scattered(self.lost & np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE)))
 
     def _put_together(self) -> None:
         """By joints that close, and where several stable equilibria are meant, to the lowest one."""
