@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from multirod.tasks.estimating.iteration import Part
 
 AT_KINK = 1e-6  # of the scale of curvatures: lines that their kinks hold back
-NEARBY = 3.0  # standard deviations of a line's unknown, from its kink, within which the other side is looked at
+NEARBY = 3.0  # standard deviations of a line's unknown, from its kink, within which the other side is looked at at least
 ASIDE = 1e-12  # of it, where columns are those of one side
 MOST_BOTH = 6  # lines that are looked at so, in all their ways
 SPENT = 5  # integrations for each step that is allowed
@@ -63,6 +63,7 @@ class _Step:
     left: float  # of (1)
     covariance: FloatArray
     spread: float  # the sum of its variances, in units
+    sound: bool  # whether it leaves each line on its side
 
 
 class Kinked:
@@ -93,13 +94,13 @@ class Kinked:
                 self._evaluated(row, part.x[row], part.p[row])  # what is left is told of there
 
     def _beside(self) -> NDArray[np.bool_]:
-        """Whether a line is slack that may be taut, within three deviations, and of whose slack nothing much was told; shape
-        (b,)."""
+        """(20b) Whether a line is slack that may be taut, and of whose slack nothing much was told; shape (b,)."""
         part, K = self._part, self._kinks
         by, z = part.by[:, K], part.x[:, K]
         with np.errstate(invalid="ignore"):
             known, before = (np.einsum("bki,bij,bkj->bk", by, own, by) for own in (part.covariance, part.prior))
-            unseen = (z < 0) & (known >= SEEN * before) & (z**2 <= NEARBY**2 * known)
+            may_pay = z**2 <= np.maximum(NEARBY**2, part.square)[:, None] * known
+            unseen = (z <= AT_KINK * self._scale[:, None]) & (known >= SEEN * before) & may_pay
         return np.asarray(unseen.any(axis=1))
 
     def _one(self, row: int, here: _Here | None) -> bool:
@@ -132,24 +133,29 @@ class Kinked:
         K, away = self._kinks, np.abs((own.x + own.by @ own.d)[self._kinks])
         spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", own.by[K], own.covariance, own.by[K]), 0.0))
         at = away <= AT_KINK * self._scale[row]
-        held, near = np.flatnonzero(at), np.flatnonzero(~at & ~(away > NEARBY * spread))
+        most = max(NEARBY, np.sqrt(here.square))
+        held, near = np.flatnonzero(at), np.flatnonzero(~at & ~(away > most * spread))
         ends = [own]
         for lines in [held] * bool(len(held)) + [np.append(held, line) for line in near]:
             if len(lines) > MOST_BOTH:
                 continue
-            found = [step for step in self._both(row, here, lines) if step is not None]
-            best = min(found, key=lambda step: step.left, default=own)
-            if best.length > SETTLED and best.left <= here.square - SETTLED**2:
-                there = self._gone(row, here, best)
-                if there is not None or lines is held:
+            found = [step for step in self._both(row, here, lines) if step is not None and step.sound]
+            less = [step for step in found if step.length > SETTLED and step.left <= here.square - SETTLED**2]
+            for step in sorted(less, key=lambda step: step.left):
+                there = self._gone(row, here, step)
+                if there is not None:
                     return there, None
+            if less and lines is held:
+                return None, None
             if lines is held:
                 ends += [step for step in found if step.length <= SETTLED]
         return None, max(ends, key=lambda step: step.spread).covariance
 
     def _gone(self, row: int, here: _Here, step: _Step) -> _Here | None:
         """As far along a step as (1) falls; None if it does not."""
-        part = 1.0 / max(1.0, np.abs(step.by @ step.d).max() / (LONGEST * self._scale[row]))
+        moved, K = step.by @ step.d, self._kinks
+        moved[K] = np.maximum(step.x[K] + moved[K], 0.0) - np.maximum(here.x[K], 0.0)  # what is slack moves nothing
+        part = 1.0 / max(1.0, np.abs(moved).max() / (LONGEST * self._scale[row]))
         for _ in range(HALVINGS):
             p = self._part.bounds.kept((here.p + part * step.d)[None], here.p[None])[0]
             there = self._settled(row, step.x + step.by @ (p - here.p), p)
@@ -218,8 +224,10 @@ class Kinked:
         planned = posterior(*rows)
         d, length = self._bounds(p, x[K] + a[K], B[K], pulls).step(planned, p[None], rows)
         left = ((r + J @ d[0]) ** 2).sum() + ((root @ (away + d[0])) ** 2).sum()
+        beyond = (x + a + B @ d[0])[K] * np.where(pulls, -1.0, 1.0)
         spread = float((np.diagonal(planned.covariance[0]) / unit[0] ** 2).sum())
-        return _Step(x + a, B, d[0], float(length[0]), float(left), planned.covariance[0], spread)
+        sound = bool((beyond <= AT_KINK * self._scale[row]).all())
+        return _Step(x + a, B, d[0], float(length[0]), float(left), planned.covariance[0], spread, sound)
 
     def _bounds(self, p: FloatArray, z: FloatArray, by: FloatArray, pulls: NDArray[np.bool_]) -> Bounds:
         """The limits of the robot, and that each line stays on its side, where ``z + by d`` of them is 0."""
