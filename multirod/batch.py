@@ -10,6 +10,7 @@ from threading import Event
 from typing import Protocol, TypeVar
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from multirod.validation import FloatArray, Kind, positive_int
@@ -111,11 +112,14 @@ def thread_count(threads: object) -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def parts(count: int, threads: int, rods: int = 1) -> list[slice]:
-    """How ``count`` instances are shared out: as many parts for each thread, two at least, if that leaves parts worth a launch.
+def parts(count: int, threads: int, rods: int, device: str) -> list[slice]:
+    """How ``count`` instances are shared out: as many parts for each thread, two at least, if that leaves parts worth a launch;
+    on a GPU, which runs everything at once, all of it.
 
     The more ``rods`` an instance has, the shorter they are.
     """
+    if not wp.get_device(device).is_cpu:
+        return [slice(0, count)]
     longest, shortest = max(1, LONGEST_PART // rods), max(1, SHORTEST_PART // rods)
     if count < 2 * shortest:
         return [slice(0, count)]

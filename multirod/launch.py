@@ -10,9 +10,10 @@ from typing import Any, Protocol, cast
 import warp as wp
 
 from multirod.collecting import without_collections
-from multirod.kernels.compiling import COMPILER, start_warp
+from multirod.kernels.compiling import COMPILER, block_dim, start_warp
 
 LONGEST = 1024  # integrations of a rod in one launch: some hundredths of a second at most at a hundred steps each
+ON_GPU = 65_536  # the same there, where it is what the largest run at once
 
 # Warp makes and loads kernels for one thread at a time
 _MAKING = RLock()
@@ -49,6 +50,11 @@ def record(make: Callable[[], wp.Kernel], dim: int, arguments: Sequence[object],
     return cast(Launch, Pending(future, kernel, dim, arguments, device))  # which has what the launch has
 
 
+def longest(device: str) -> int:
+    """Integrations of a rod in one launch."""
+    return LONGEST if wp.get_device(device).is_cpu else ON_GPU
+
+
 def expect(make: Callable[[], wp.Kernel], device: str) -> None:
     """Have a kernel compiled in the background that is sure to be recorded later, as ``record`` does.
 
@@ -69,7 +75,8 @@ def _requested(make: Callable[[], wp.Kernel], device: str) -> "tuple[wp.Kernel, 
 
 def _record(kernel: wp.Kernel, dim: int, arguments: Sequence[object], device: str) -> Launch:
     with _MAKING:
-        recorded: Any = wp.launch(kernel, dim=dim, inputs=list(arguments), device=device, record_cmd=True)
+        threads = block_dim(wp.get_device(device))
+        recorded: Any = wp.launch(kernel, dim=dim, inputs=list(arguments), device=device, block_dim=threads, record_cmd=True)
     try:
         return Direct(recorded) if recorded.device.is_cpu else cast(Launch, recorded)
     except (AttributeError, TypeError):  # another version of Warp, whose own launches do as well

@@ -20,7 +20,7 @@ from multirod.capabilities import LineTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.kernels.warp_types import Struct
-from multirod.launch import LONGEST, expect
+from multirod.launch import expect, longest
 from multirod.models.backbone import unknowns as meaning
 from multirod.models.backbone.derivatives.derivatives import BackboneDerivatives, BackboneSensing
 from multirod.models.backbone.derivatives.designs import PARAMETERS
@@ -224,7 +224,7 @@ class BackboneProblem(BoundaryProblem):
             call,
             (features.unknown_count, self.direction_count) if columns is None else columns,
             self.device,
-            longest=max(1, LONGEST // len(self.rods)),
+            longest=max(1, longest(self.device) // len(self.rods)),
             heed=self.heed_stop,
         )
 

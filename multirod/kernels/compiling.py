@@ -20,6 +20,7 @@ import warp as wp
 from multirod.batch import thread_count
 from multirod.kernels.own_module import own_module
 
+BLOCK = 64
 MOST_WORKERS = 8  # a compiler takes some 300 MB
 PATIENCE = 2.0  # s of compiling, beyond which a later call says so too
 APART = 5.0  # s without, after which it is a later call
@@ -160,23 +161,23 @@ def _load(module: wp.Module, device: wp.Device) -> None:
     try:
         if _headers is not None and device.is_cpu:
             _headers.precompile(device)
-        wp.force_load(device, [module], block_dim=_block_dim(device), max_workers=0)
+        wp.force_load(device, [module], block_dim=block_dim(device), max_workers=0)
     except Exception as error:
         raise CompileError(f"the kernel {module.name} could not be compiled into {cache()}: {error}") from error
 
 
-def _block_dim(device: wp.Device) -> int:
-    """Threads of a block that launches have by default: which a module is compiled for."""
-    return 1 if device.is_cpu else 256
+def block_dim(device: wp.Device) -> int:
+    """Threads of a block, which a module is compiled for: few on a GPU, so that a small batch is spread out."""
+    return 1 if device.is_cpu else BLOCK
 
 
 def _is_kept(module: wp.Module, device: wp.Device) -> bool:
     """Whether Warp's cache has a module, of the name that ``Module.load`` looks for; Warp has no public way to ask."""
     if not wp.config.cache_kernels:
         return False
-    block_dim = _block_dim(device)
-    folder = Path(str(wp.config.kernel_cache_dir)) / module.get_module_identifier(block_dim)
-    names = (module._get_compile_output_name(device, block_dim=block_dim), module._get_meta_name(block_dim))
+    threads = block_dim(device)
+    folder = Path(str(wp.config.kernel_cache_dir)) / module.get_module_identifier(threads)
+    names = (module._get_compile_output_name(device, block_dim=threads), module._get_meta_name(threads))
     return all((folder / name).exists() for name in names)
 
 

@@ -139,6 +139,15 @@ class Buffers(Uncopied):
             device=self.device,
         )
 
+    def _flat(self, name: str) -> WarpArray:
+        """A field of the records, shape (instance_count, size)."""
+        field = self.record_fields[name]
+        return self._field(name, (field.stop - field.start,))
+
+    def _rows(self, name: str) -> FloatArray:
+        """A copy of a field, of a GPU's memory: of the records as a whole it would take many times as long."""
+        return np.array(self._flat(name).numpy())
+
     def _clear(self) -> None:
         """All buffers as they are at first, on the CPU."""
         for values, first in self._first_values:
@@ -231,8 +240,8 @@ class Buffers(Uncopied):
     def numbers_of_gamma(self, instances: IntArray) -> FloatArray:
         """Those of ``Gamma`` that may differ from zero, of some instances (k,), in the order of ``elimination``."""
         assert self.elimination is not None  # or nobody knows which these are
-        values = self.records.numpy() if self._host is None else self._host
-        return np.asarray(values[instances, self.record_fields["gamma"]])
+        values = self._rows("gamma") if self._host is None else self._host[:, self.record_fields["gamma"]]
+        return np.asarray(values[instances])
 
     def read(self, name: str) -> FloatArray:
         """A copy of one field of the records, shape (instance_count, size): ``unknowns``, ``residual``, ``gamma``,
@@ -240,7 +249,7 @@ class Buffers(Uncopied):
         """
         if name == "gamma" and self.elimination is not None:
             return self.elimination.dense(self.numbers_of_gamma(np.arange(self.instance_count))).reshape(self.instance_count, -1)
-        return np.array((self.records.numpy() if self._host is None else self._host)[:, self.record_fields[name]])
+        return self._rows(name) if self._host is None else np.array(self._host[:, self.record_fields[name]])
 
     def buffer(self, name: str) -> NDArray[Any]:
         """What the last integration wrote beside the records, ``fault``, ``step_count``, ``residual_directions`` or
@@ -272,7 +281,7 @@ class Buffers(Uncopied):
         if self._host is not None:
             self._host[:, self.record_fields[name]] = values
         else:
-            target = getattr(self, name)
+            target = self._flat(name)
             target.assign(np.ascontiguousarray(np.broadcast_to(values, target.shape), dtype=np.float64))
 
     def put(self, name: str, instances: IntArray, values: FloatArray) -> None:
@@ -280,7 +289,7 @@ class Buffers(Uncopied):
         if self._host is not None:
             self._host[instances, self.record_fields[name]] = values
             return
-        kept = np.array(self.records.numpy()[:, self.record_fields[name]])
+        kept = self._rows(name)
         kept[instances] = values
         self.write(name, kept)
 

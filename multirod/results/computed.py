@@ -296,7 +296,7 @@ class Computed(Found[Robot_co]):
             )
             problem.write("unknowns", problem.guess())
             return [array[:0] for array in compute(problem)]
-        pieces = parts(len(self._records), self._scene.threads, self.assembly.rod_count)
+        pieces = parts(len(self._records), self._scene.threads, self.assembly.rod_count, self._scene.device)
         found: dict[int, tuple[Any, ...]] = {}
         lock = Lock()
 

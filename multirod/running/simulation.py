@@ -8,7 +8,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from multirod import plausibility
@@ -108,7 +107,7 @@ def solve(
     batch_shape = whole if chosen is None else chosen.shape
     count = prod(batch_shape)
     workers = thread_count(threads)
-    pieces = _pieces(robot, count, workers, device)
+    pieces = parts(count, workers, robot.rod_count, device) if count else []
     results, lock = _Results(1, count), Lock()
     lefts: list[Left] = []
     if not count:
@@ -142,7 +141,7 @@ def solve(
         run(work, pieces, workers)
         if lefts:
             left = Left.joined(lefts)
-            run(finish, parts(len(left.numbers), workers, robot.rod_count), workers)
+            run(finish, parts(len(left.numbers), workers, robot.rod_count, device), workers)
     scene = Scene(robot, batch_shape, method.integrator, device, results.fields, threads=workers, dropped=dropped)
     solution = Solution(scene, results.records[0], results.outcome(), inputs, chosen)
     solution.mind_strain()
@@ -194,7 +193,7 @@ def simulate(
     robot, inputs, dropped = simplified(robot, inputs, simplify, _with_time(inputs, samples, batch_shape))
     count = prod(batch_shape)
     workers = thread_count(threads)
-    pieces = _pieces(robot, count, workers, device)
+    pieces = parts(count, workers, robot.rod_count, device) if count else []
     results, lock = _Results(samples, count), Lock()
     step_time = np.zeros((len(pieces), samples))
     if count * samples:
@@ -308,13 +307,6 @@ class _Results:
         """The outcomes of all samples, one after another."""
         arrays = {name: value.reshape(-1, *value.shape[2:]) for name, value in self._outcome.items()}
         return Outcome(**arrays, breakpoints=self._breakpoints, events=self._events)
-
-
-def _pieces(robot: Assembly, count: int, threads: int, device: str) -> list[slice]:
-    """Parts of a batch; on a GPU, which runs everything at once, all of it."""
-    if not count:
-        return []
-    return parts(count, threads, robot.rod_count) if wp.get_device(device).is_cpu else [slice(0, count)]
 
 
 def _some(chosen: IntArray | None, piece: slice, count: int) -> IntArray | None:

@@ -186,17 +186,18 @@ class Paths:
 
     def _get(self, name: str) -> NDArray[Any]:
         """A copy of a number of every instance."""
-        return np.array(self._in_place[name] if self._in_place else getattr(self.state, name).numpy())
+        return np.array(
+            self._in_place[name] if self._in_place else getattr(self.problem if name == "active" else self.state, name).numpy()
+        )
 
     def _set(self, name: str, values: ArrayLike) -> None:
         """Set a number of every instance."""
         if self._in_place:
             self._in_place[name][:] = values
         else:
-            target = self.problem.active if name == "active" else getattr(self.state, name)
+            target = getattr(self.problem if name == "active" else self.state, name)
             kind = np.float64 if target.dtype == wp.float64 else np.int32
-            given = np.broadcast_to(np.asarray(values, dtype=kind), target.shape)
-            target.assign(np.ascontiguousarray(given))
+            target.assign(np.ascontiguousarray(np.broadcast_to(np.asarray(values, dtype=kind), target.shape)))
 
     def change_inputs(
         self,

@@ -185,4 +185,9 @@ def deal(call: Struct, layout: Layout, integrator: Integrator, precision: str, d
     call.lane = wp.zeros((threads(call, count) * lanes, LANE_SIZE), dtype=wp.float64, device=device)
     call.carried = wp.zeros(threads(call, count) * lanes, dtype=Instance, device=device)
     rows = layout.memory(len(integrator.tableau.b)).rows(call.part_columns)
-    return wp.zeros((threads(call, count), lanes * rows), dtype=SCALARS[precision], device=device)
+    kind, count = SCALARS[precision], threads(call, count)
+    if lanes > 1 or wp.get_device(device).is_cpu:
+        return wp.zeros((count, lanes * rows), dtype=kind, device=device)
+    # threads side by side on a GPU read numbers that stand side by side
+    memory: Array = wp.zeros((rows, count), dtype=kind, device=device).transpose()
+    return memory

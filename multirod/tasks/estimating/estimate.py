@@ -260,7 +260,7 @@ def estimate(
     workers = thread_count(threads)
     if not count:
         return _empty(scene)
-    pieces = parts(count, workers, robot.rod_count)
+    pieces = parts(count, workers, robot.rod_count, device)
     found: dict[int, Part] = {}
     lock = Lock()
 

@@ -195,7 +195,7 @@ def _found(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], thre
     count = prod(work.batch_shape)
     if not count:
         return [_none(work)]
-    pieces = parts(count, threads, work.robot.rod_count)
+    pieces = parts(count, threads, work.robot.rod_count, work.device)
     found: dict[int, _Part] = {}
 
     def one(piece: slice, stop: Event) -> None:

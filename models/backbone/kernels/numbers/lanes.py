@@ -102,19 +102,19 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
 
     ``Real``, one number a lane; ``few(n)``, n of them that stand together in registers, indexed by constants only; ``row`` and
     ``put``, a Real from and to memory, ``get`` and ``set``, one lane of it, and ``copy``, rows of a lane from those of
-    another. Memory is counted in rows of W numbers.
+    another. Memory is counted in rows of W numbers; at W = 1 its rows may be apart.
     """
     Real = d if W == 1 else _operators(W, d)
     t, integer = NAMES[d], INTEGERS[d]
     memory_type = wp.array(dtype=d)
     if W == 1:
-        V = f"typedef {t} V; "
+        V, to_row = f"typedef {t} V; ", "(char*)memory.data + (long long)({}) * memory.strides[0]"
         H, a_, b_, x_, y_, v_, h_ = f"{V} V r; V& o = r; ", "a", "b", "x", "y", "v", "h"
         least_, abs_, sqrt_, any_ = "a < b", "fabs(a)", "sqrt(a)", "return a < b;"
         whole, to_whole = f"typedef {integer} I; typedef {t} U; ", "(I)({})"
         of_whole = "(U)({})"
     else:
-        V = vector(W, d)
+        V, to_row = vector(W, d), f"memory.data + (long long)({{}}) * {W}"
         H, (a_, b_, x_, y_, v_, h_) = _returned(W, d), (f"(*(const V*){name}.c)" for name in "abxyvh")
         least_, abs_, sqrt_ = f"{a_} < {b_}", *(f"__builtin_elementwise_{name}({a_})" for name in ("abs", "sqrt"))
         any_ = f"auto m = {a_} < {b_}; return __builtin_reduce_or(m) != 0;"
@@ -122,7 +122,8 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
             f"typedef {integer} I __attribute__((ext_vector_type({W}))); typedef {t} U __attribute__((ext_vector_type({W}))); "
         )
         to_whole, of_whole = "__builtin_convertvector({}, I)", "__builtin_convertvector({}, U)"
-    loaded = f"*(const V*)(memory.data + (long long)i * {W})"
+    number = f"(({t}*)({to_row}))[l]"
+    loaded = f"*(const V*)({to_row.format('i')})"
     if W > 1:
         # Clang uses the widest vectors of a processor only in functions that take them by value, and in what
         # such are inlined into
@@ -152,18 +153,16 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
     @wp.func_native(fused(f"{H} o = {loaded}; return r;"))
     def row(memory: memory_type, i: int) -> Real: ...
 
-    @wp.func_native(fused(f"{V} *(V*)(memory.data + (long long)i * {W}) = {v_};"))
+    @wp.func_native(fused(f"{V} *(V*)({to_row.format('i')}) = {v_};"))
     def put(memory: memory_type, i: int, v: Real): ...
 
-    @wp.func_native(fused(f"return memory.data[(long long)i * {W} + l];"))
+    @wp.func_native(fused(f"return {number.format('i')};"))
     def get(memory: memory_type, i: int, l: int) -> d: ...
 
-    @wp.func_native(fused(f"memory.data[(long long)i * {W} + l] = v;"))
+    @wp.func_native(fused(f"{number.format('i')} = v;"))
     def set(memory: memory_type, i: int, l: int, v: d): ...
 
-    @wp.func_native(
-        f"for (int i = at; i < at + count; i++) memory.data[(long long)i * {W} + l] = memory.data[(long long)i * {W} + of];"
-    )
+    @wp.func_native(f"for (int i = at; i < at + count; i++) {number.format('i')} = (({t}*)({to_row.format('i')}))[of];")
     def copy(memory: memory_type, at: int, count: int, l: int, of: int): ...
 
     @wp.func_native(fused(f"return ((const {t}*)&a)[l];"))
@@ -207,10 +206,10 @@ def lanes(W: int, d=wp.float64) -> SimpleNamespace:
         @wp.func_native(fused(f"{F} {each} o[i] = {x_} < {y_} ? {of('a')}[i] : {of('b')}[i]; return r;"))
         def where_less(x: Real, y: Real, a: Few, b: Few) -> Few: ...
 
-        @wp.func_native(fused(f"{F} {each} o[i] = *(const V*)(memory.data + ((long long)at + i) * {W}); return r;"))
+        @wp.func_native(fused(f"{F} {each} o[i] = *(const V*)({to_row.format('at + i')}); return r;"))
         def read(memory: memory_type, at: int) -> Few: ...
 
-        @wp.func_native(fused(f"{V} {each} *(V*)(memory.data + ((long long)at + i) * {W}) = {of('a')}[i];"))
+        @wp.func_native(fused(f"{V} {each} *(V*)({to_row.format('at + i')}) = {of('a')}[i];"))
         def write(memory: memory_type, at: int, a: Few): ...
 
         return SimpleNamespace(type=Few, part=part, keep=keep, where_less=where_less, read=read, write=write)
