@@ -11,6 +11,7 @@ from multirod.models.joint_kernels import CLAMPED
 from multirod.models.platform.problem import ParallelProblem
 from multirod.rotations import vectors
 from multirod.solvers.continuation.natural import natural_branch
+from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.starting import cold_start
 from multirod.solvers.starting.releasing import AT_REST_SCATTERED, SCATTERED
 from multirod.status import failures
@@ -297,3 +298,19 @@ def test_legs_of_a_platform_that_is_let_go_are_no_shorter_than_the_way_to_their_
     most = (1 + high) * length / ways[:, None] - 1
     assert (drawn > most).any()
     np.testing.assert_allclose(parts[1][:, 1:], np.minimum(drawn, most), rtol=0, atol=1e-12)
+
+
+def test_joints_that_did_not_close_are_not_closed_again(monkeypatch):
+    """What snaps as its joints close: that is followed from where they were held up."""
+    starts, raise_from = [], Paths.raise_from
+
+    def noted(self, chosen, unknowns, *args, **options):
+        if chosen.any():
+            starts.append((self.problem.instance_count, unknowns.tobytes()))
+        return raise_from(self, chosen, unknowns, *args, **options)
+
+    monkeypatch.setattr(Paths, "raise_from", noted)
+    drawn = draw(266, 91, 12, 5.0)
+    solution = mr.solve(drawn.robot, drawn.inputs)
+    assert [event.load_factor for event in solution.events] == [0.0]
+    assert len(set(starts)) == len(starts) > 1

@@ -1,5 +1,7 @@
 """Whatever a solve does, it ends within ``max_integrations`` of a rod, and says so where that is why it ended."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -158,3 +160,58 @@ def test_damped_dynamics_take_their_part_of_the_steps_of_a_way(monkeypatch: pyte
     part = mr.solve(robot, inputs, solver=solver)
     assert part.status is mr.Status.INTEGRATION_LIMIT
     assert part.integrations < 120  # some 60 to where the branch ends
+
+
+class Halved:
+    """A slope down which steps are short enough from a part on, and that nothing comes to rest on."""
+
+    facing, drive, back, values, modes, along = 1.0, 0.0, np.zeros(1), np.ones(1), np.eye(1), np.ones(1)
+
+    def __init__(self, part: float) -> None:
+        self.part = part
+
+    def turn(self, radius: float) -> np.ndarray:
+        self.radius = radius
+        return np.array([radius])
+
+    def change(self, turn: np.ndarray) -> np.ndarray:
+        return turn
+
+    def missed(self, turn: np.ndarray, found: "Halved") -> float:
+        return 0.0 if abs(turn[0]) <= self.part * self.radius else np.inf
+
+
+@pytest.mark.parametrize(("part", "most"), [(1.0, 400), (0.25, 400), (0.125, 50), (1e-3, 50)])
+def test_a_descent_is_given_up_whose_steps_lead_nowhere(part: float, most: int) -> None:
+    """(17) of docs/branches.md: 4 of 50 integrations at a quarter of a step each, 1.5 at an eighth."""
+    from multirod.solvers.following.walk import Walk
+
+    taken = []
+
+    class Down(Walk):
+        def __init__(self) -> None:
+            self.within, self.valley, self.iterations = 0.0, False, 0
+
+        def _at(self, unknowns, level):
+            taken.append(unknowns)
+            yield
+            return SimpleNamespace(unknowns=unknowns, level=level, size=1.0)
+
+        def _slope_or_none(self, point):
+            return Halved(part)
+
+    start = SimpleNamespace(unknowns=np.zeros(1), level=1.0, size=1.0)
+    assert list(Down()._descend_clamped(start, Halved(part), np.zeros(1)))[-1] is None
+    assert len(taken) == most
+
+
+def test_a_branch_is_given_up_whose_pace_would_not_do() -> None:
+    """(18) of docs/branches.md, after 500 of 1000 steps: the rest is half, and may take 1000 of them."""
+    from multirod.solvers.following.many import _Traces
+
+    walk = _Traces.__new__(_Traces)
+    walk.levels, walk.most, walk.taken = np.full((3, 1), 0.5), np.full(3, 1000), np.full(3, 500)
+    walk.passed, walk.on = 0.5 - np.array([0.049, 0.051, 0.0]), np.ones(3, dtype=bool)
+    walk._give_up(np.arange(2))
+    assert walk.on.tolist() == [False, True, True]
+    np.testing.assert_array_equal(walk.passed, [0.5, 0.5, 0.5])

@@ -12,7 +12,8 @@ import multirod as mr
 from multirod.models.backbone.equal_steps import step_counts
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.rotations import vectors
-from multirod.solvers.following.descent import Points, Turns
+from multirod.solvers.following.descent import Points
+from multirod.solvers.following.turns import Turns
 
 PIECES = 6
 STEEP = {name: value for name, value in GIVEN.items() if name != "moment"}  # loads with a potential

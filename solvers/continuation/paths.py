@@ -15,7 +15,7 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import MIN_STEP, RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path
-from multirod.solvers.continuation.pace import Pace, creeping
+from multirod.solvers.continuation.pace import ROUNDS, Pace, creeping
 from multirod.solvers.newton.iteration import Newton, narrowing
 from multirod.solvers.newton.rounds import Rounds
 from multirod.status import BoolArray, IntArray, Status, failures
@@ -27,8 +27,6 @@ TURN = 2.5  # by which rods may be turned against each other in a step [rad]: ha
 GROWTH = 0.5  # of the load reached, that the next step may be if that is more
 RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
 AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
-ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
-MOST_STEPS = 32 * 65_536  # of the integrator for each rod, in all integrations of a way: one second
 
 COUNTS = (
     *("status", "iterations", "integrations", "steps", "known", "halved"),
@@ -258,7 +256,7 @@ class Paths:
     def _follow(self, *, integrated: bool = False) -> Outcome:
         """To the ends of all paths; ``integrated`` where that has been done at their beginnings."""
         problem, state = self.problem, self.state
-        self._steps = np.zeros(problem.instance_count, dtype=np.int64)
+        self._pace.begin()
         calls = self._newton.calls()
         if calls is not None:
             self._repeat(calls)
@@ -372,17 +370,17 @@ class Paths:
         return int(given_up.sum())
 
     def _end_long(self) -> int:
-        """End those whose integrations take so many steps that they have had their part; how many there are.
+        """End those that ``Pace.ended`` tells, at their last equilibria; how many there are.
 
         Every instance on its way has taken as many integrations as rounds.
         """
-        active = self._get("active") != 0
-        self._steps += ROUNDS * np.where(active, self.problem.step_count.numpy(), 0)
-        long = active & (self._steps > MOST_STEPS * len(self.problem.blocks))
-        if long.any():
-            self._set("status", np.where(long, Status.INTEGRATION_LIMIT, self._get("status")))
-            self._set("active", active & ~long)
-        return int(long.sum())
+        problem, state, active = self.problem, self.state, self._get("active") != 0
+        ended = self._pace.ended(active, self._get("levels")[:, 0], self._get("steps"), state.max_steps)
+        if (some := ended != int(Status.NOT_RUN)).any():
+            self._set("status", np.where(some, ended, self._get("status")))
+            self._set("active", active & ~some)
+            problem.write("unknowns", np.where(some[:, None], state.points.numpy()[:, 0], problem.read("unknowns")))
+        return int(some.sum())
 
     def _doubt_ends(self, status: IntArray, integrations: IntArray) -> None:
         """Where no mode of ``Gamma`` is near zero, it is no fold and no bifurcation that steps became small at; where one is,

@@ -10,14 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from multirod.batch import IntArray
-from multirod.capabilities import Conjugates
-from multirod.problem import BoundaryProblem
 from multirod.validation import FloatArray
 
 SOFT = 1e-6  # of K/L: a mode no stiffer than this is neutral
 RADIUS = 0.1  # largest turn in a mode by one step [rad]
 NUDGE = 1e-3  # of the radius, along a mode that is unstable where no step is longer
-GIVE = 1e-6  # of L^3/EI: what holds the end of a rod with clamps gives way by, in steps alone
 BENT = 1e-6  # turn of what costs nothing, below which the rod is straight [rad]
 KEPT = 1e-9  # largest condition, in the Frobenius norm, inverted, of a Y that is not singular, its rows as large as each other
 
@@ -172,14 +169,10 @@ class Slopes:
     Attributes:
         fit: Whether the tip's turn tells it, shape (k,); the others are NaN.
         gradient: [N m], shape (k, m).
-        values: Eigenvalues of its second derivative over ``K/L``, ascending, shape (k, m).
-        modes: Eigenvectors, in columns, shape (k, m, m).
         ways: Change of the unknowns that turns the tip so, constraints kept, shape (k, n, m).
         back: The one that meets the constraints, shape (k, n).
         facing: Sign of the determinant of what ``ways`` is the inverse of, shape (k,).
         stiffness: ``K/L`` [N m], shape (k,).
-        by_turns: How the gradient changes with them over ``K/L``, (2), shape (k, m, m): symmetric at an equilibrium.
-        along: Slope in each mode over ``K/L``, shape (k, m).
         clamps: Whose turns stand last among the displacements, as many of each.
     """
 
@@ -192,26 +185,61 @@ class Slopes:
         with np.errstate(invalid="ignore", over="ignore"):  # of states far from any equilibrium, which are not fit
             # of rows that are made as large: turns are by lengths, constraints have no unit
             square = n * ((both * both).sum(axis=2) * (inverse * inverse).sum(axis=1)).sum(axis=1)
-            A = points.unit[:, :, None] * gamma[:, forces] @ inverse[:, :, :m]
-            H = 0.5 * (A + A.swapaxes(1, 2))
             back = (-inverse[:, :, m:] @ points.residual[:, others, None])[..., 0]
             led = (gamma[:, forces] @ back[..., None])[..., 0]
             gradient = points.unit * (points.residual[:, forces] + led)
-        fit &= (square * KEPT**2 <= 1) & np.isfinite(H).all(axis=(1, 2)) & np.isfinite(gradient).all(axis=1)
-        if points.costless is not None:
-            for k in np.flatnonzero(fit).tolist():
-                if (turn := points.turn(k)) is not None:
-                    H[k], gradient[k] = turn.held(H[k], points.stiffness[k]), turn.without(gradient[k])
-        H[~fit] = np.eye(m)
-        values, modes = np.linalg.eigh(H)
+            largest = n * np.abs(points.unit).max(axis=1, initial=0.0) * np.abs(gamma).max(axis=(1, 2), initial=0.0)
+            largest *= np.abs(inverse).max(axis=(1, 2), initial=0.0)
+        fit &= (square * KEPT**2 <= 1) & np.isfinite(largest) & np.isfinite(gradient).all(axis=1)
+        for k in np.flatnonzero(fit).tolist() if points.costless is not None else ():
+            if (turn := points.turn(k)) is not None:
+                gradient[k] = turn.without(gradient[k])
         self.fit, self.gradient, self.stiffness = fit, gradient, points.stiffness
-        self.values, self.modes = values / points.stiffness[:, None], modes
-        self.by_turns = A / points.stiffness[:, None, None]
         self.ways, self.back = inverse[:, :, :m], back
         self.facing = np.linalg.slogdet(np.where(fit[:, None, None], both, np.eye(n)))[0]
-        self.along = (modes.swapaxes(1, 2) @ gradient[..., None])[..., 0] / points.stiffness[:, None]
         self.clamps: int = points.frames.shape[1] - 1
-        self._clamps = points.clamps
+        self._points, self._clamps = points, points.clamps
+
+    # nobody asks these of what a step was too long to
+
+    @cached_property
+    def _changes(self) -> FloatArray:
+        """How the gradient changes with the displacements, (2), shape (k, m, m)."""
+        points = self._points
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.asarray(points.unit[:, :, None] * points.gamma[:, points.forces] @ self.ways)
+
+    @cached_property
+    def _modes(self) -> tuple[FloatArray, FloatArray]:
+        points, A = self._points, self._changes
+        with np.errstate(invalid="ignore", over="ignore"):
+            H = 0.5 * (A + A.swapaxes(1, 2))
+        for k in np.flatnonzero(self.fit).tolist() if points.costless is not None else ():
+            if (turn := points.turn(k)) is not None:
+                H[k] = turn.held(H[k], points.stiffness[k])
+        H[~self.fit] = np.eye(H.shape[-1])
+        values, modes = np.linalg.eigh(H)
+        return values / points.stiffness[:, None], modes
+
+    @property
+    def values(self) -> FloatArray:
+        """Eigenvalues of the second derivative over ``K/L``, ascending, shape (k, m)."""
+        return self._modes[0]
+
+    @property
+    def modes(self) -> FloatArray:
+        """Eigenvectors, in columns, shape (k, m, m)."""
+        return self._modes[1]
+
+    @cached_property
+    def by_turns(self) -> FloatArray:
+        """How the gradient changes with them over ``K/L``, (2), shape (k, m, m): symmetric at an equilibrium."""
+        return np.asarray(self._changes / self.stiffness[:, None, None])
+
+    @cached_property
+    def along(self) -> FloatArray:
+        """Slope in each mode over ``K/L``, shape (k, m)."""
+        return np.asarray((self.modes.swapaxes(1, 2) @ self.gradient[..., None])[..., 0] / self.stiffness[:, None])
 
     def __getitem__(self, row: int) -> "Slope":
         return Slope(self, row)
@@ -310,75 +338,3 @@ def inverses(matrices: FloatArray) -> FloatArray:
             with suppress(np.linalg.LinAlgError):
                 result[k] = np.linalg.inv(matrix)
         return result
-
-
-class ClampedTurns:
-    """The same of a problem with clamps: beside its unknowns stand their moments, beside its residuals what no clamp would need.
-
-    Args:
-        problem: With ``clamps``.
-
-    Attributes:
-        held: As ``Points.clamps``.
-    """
-
-    def __init__(self, problem: BoundaryProblem) -> None:
-        clamps, n = problem.clamps, problem.unknown_count
-        assert clamps is not None  # or there would be nothing to turn
-        self.problem, self.clamps, self.size = problem, clamps, n + clamps.size
-        self.forces = np.append(clamps.pairs.forces, range(n, self.size))
-        ends = np.append(clamps.first[1:], clamps.size)
-        turns = clamps.first[:, None] + np.arange((ends - clamps.first).max())
-        self.held = np.where(turns < ends[:, None], len(clamps.pairs.forces) + turns, -1)
-        self.stiffness = clamps.pairs.stiffness
-        self._order = np.append(self.forces, np.setdiff1d(np.arange(n), clamps.pairs.forces))
-
-    def put(self, unknowns: FloatArray) -> None:
-        """Unknowns and moments (instance_count, size) to where the next integration finds them."""
-        self.problem.write("unknowns", unknowns[:, : self.problem.unknown_count])
-        self.clamps.put(unknowns[:, self.problem.unknown_count :])
-
-    def after(self, unknowns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """After an integration: residual (instance_count, size), its derivative, and what ``Turns.after`` says."""
-        problem, clamps, n, size = self.problem, self.clamps, self.problem.unknown_count, self.size
-        pairs, count = clamps.pairs, problem.instance_count
-        pairs.update()
-        residual = np.concatenate([problem.read("residual"), -unknowns[:, n:]], axis=1)
-        gamma = np.zeros((count, size, size))
-        gamma[:, :n, :n] = problem.read("gamma").reshape(count, n, n)
-        gamma[:, :n, n:] = problem.residual_directions.numpy()[..., : clamps.size]
-        gamma[:, n:, n:] = -np.eye(clamps.size)
-        scale = pairs.scale.numpy()
-        result = np.array(gamma)
-        result[:, pairs.forces] = pairs.columns.numpy()[:, :, :size] / scale[..., None]
-        result[:, n:] = clamps.turned()
-        give = clamps.give()
-        if give is not None:
-            result[:, :n, :n] += GIVE * give
-        return residual, gamma, np.concatenate([pairs.unit.numpy() * scale, clamps.unit], axis=1), result[:, self._order]
-
-
-class Turns:
-    """Which residuals of a problem are forces, and how what they do work on is turned by the unknowns.
-
-    Args:
-        pairs: Of the problem.
-    """
-
-    def __init__(self, pairs: Conjugates) -> None:
-        self._pairs = pairs
-        self.forces = pairs.forces
-        self.stiffness = pairs.stiffness  # K/L [N m], shape (instance_count,)
-
-    def after(self, gamma: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """After an integration that led to ``gamma``, (instance_count, n, n): the moment of one unit of each force [N m], shape
-        (instance_count, m), and ``Point.turned``, shape (instance_count, n, n)."""
-        pairs, n = self._pairs, gamma.shape[-1]
-        pairs.update()
-        scale = pairs.scale.numpy()
-        result = np.array(gamma)
-        result[:, pairs.forces] = pairs.columns.numpy()[:, :, :n] / scale[..., None]
-        for row, unknown, by in pairs.give:
-            result[:, row, unknown] += by
-        order = np.append(pairs.forces, np.delete(np.arange(n), pairs.forces))
-        return pairs.unit.numpy() * scale, result[:, order]

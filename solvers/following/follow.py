@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,14 @@ from multirod.budget import Spent
 from multirod.integrators import RK45
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.continuation.paths import MOST_STEPS, SAFE_LOAD, SINGULAR, TURN
+from multirod.solvers.continuation.pace import MOST_STEPS
+from multirod.solvers.continuation.paths import SAFE_LOAD, SINGULAR, TURN
 from multirod.solvers.energy_descent import EnergyDescent, EnergyDescentTrack
-from multirod.solvers.following.descent import ClampedTurns, Point, Points, Turns
+from multirod.solvers.following.descent import Point, Points
 from multirod.solvers.following.journey import Journey
 from multirod.solvers.following.many import correct, descend, trace
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Judgement, Request, Run, Settle, Trace, Weigh
+from multirod.solvers.following.turns import ClampedTurns, Turns
 from multirod.solvers.following.walk import NOISY
 from multirod.stability import StabilityAnalysis
 from multirod.status import Status, failures
@@ -88,7 +90,7 @@ def follow(
         else:
             most = TURN / np.maximum(part.turning(start), 1e-300)
         clampings = int(parts.may_be_clamped) if before is None else parts.clampings
-        clamped = [partial(parts.clamped, own, PIECES, times, k) for k in range(clampings)]
+        clamped = [partial(lambda way, some: parts.clamped(own[some], PIECES, times, way), k) for k in range(clampings)]
         together = _Together(part, start, clamped)
         journeys = [
             Journey(
@@ -143,7 +145,7 @@ class _Together:
     Args:
         part: Their problem.
         before: Inputs where their ways begin; None where loads are raised.
-        clamped: Make the same problem with clamps, by each way that there is.
+        clamped: Make the same problem of some instances with clamps, by each way that there is.
         judged: Whether more than residuals is asked for.
     """
 
@@ -151,7 +153,7 @@ class _Together:
         self,
         part: BoundaryProblem,
         before: FloatArray | None = None,
-        clamped: Sequence[Callable[[], BoundaryProblem]] = (),
+        clamped: Sequence[Callable[[IntArray], BoundaryProblem]] = (),
         judged: bool = True,
     ) -> None:
         self.part, self.before, self.after = part, before, part.read("inputs")
@@ -160,7 +162,9 @@ class _Together:
         self._steps = np.zeros(part.instance_count, dtype=np.int64)  # of all integrations
         self._each = np.full(part.instance_count, 2**31)  # of the shortest, as which those go that are not counted
         self.tip = None if not judged or part.conjugates is None else Turns(part.conjugates)
-        self._clamped = [cache(make) for make in clamped]
+        self._clamped = clamped
+        self._pieces: dict[int, tuple[IntArray, ClampedTurns]] = {}  # the last that integrated, by its way
+        self._whole: dict[int, ClampedTurns] = {}
         self._clamping: dict[int, int] = {}  # by how many unknowns there are with clamps
 
     def run(self, all_: Iterable[Run]) -> None:
@@ -201,13 +205,14 @@ class _Together:
             del runs[k]
 
     @contextmanager
-    def _placed(self, part: BoundaryProblem) -> Iterator[None]:
-        """Within it, all instances are at ``levels``."""
+    def _placed(self, part: BoundaryProblem, places: IntArray | None = None) -> Iterator[None]:
+        """Within it, all instances are at ``levels``, or those that it has, (k,)."""
+        some = slice(None) if places is None else places
         if self.before is None:
-            with part.at_load(self.levels):
+            with part.at_load(self.levels[some]):
                 yield
         else:
-            part.write("inputs", self.before + self.levels[:, None] * (self.after - self.before))
+            part.write("inputs", self.before[some] + self.levels[some, None] * (self.after[some] - self.before[some]))
             yield
 
     # ---- integrations ----
@@ -266,28 +271,44 @@ class _Together:
         ways = {k: at.clamping if isinstance(at, Clamp) else self._clamping[len(at.unknowns)] for k, at in asked.items()}
         clamping = min(ways.values())
         asked = {k: at for k, at in asked.items() if ways[k] == clamping}  # the others come next
-        part = self._clamped[clamping]()
-        turns = ClampedTurns(part)
-        self._clamping[turns.size] = clamping
-        size, places = turns.size, np.array(list(asked))
-        unknowns = np.zeros((part.instance_count, size))
-        for k, at in asked.items():
-            unknowns[k, : len(at.unknowns)] = at.unknowns
+        places, turns = self._in_pieces(clamping, list(asked))
+        part, size, rows = turns.problem, turns.size, np.searchsorted(places, list(asked))
+        self._clamping[size] = clamping
+        unknowns = np.zeros((len(places), size))
+        for row, (k, at) in zip(rows.tolist(), asked.items(), strict=True):
+            unknowns[row, : len(at.unknowns)] = at.unknowns
             self.levels[k] = at.level
         turns.put(unknowns)
-        with self._placed(part):
+        with self._placed(part, places):
             part.integrate()
             residual, gamma, unit, turned = turns.after(unknowns)
             moved = np.concatenate([turns.clamps.moved(), part.buffer("pose_columns")[:, None, :3, :size]], axis=1)
             frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
             costless = turns.clamps.costless() or ()
         residual[part.buffer("fault") != 0] = np.nan
-        self._steps[places] += np.maximum(self._each, part.buffer("step_count"))[places]
-        more = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
-        own = (values[places] for values in more)
-        points = Points(unknowns[places], self.levels[places], residual[places], gamma[places], turns.forces, *own)
-        points = replace(points, clamps=turns.held)
-        return {k: points[row] for row, k in enumerate(asked)}
+        own = np.array(list(asked))
+        self._steps[own] += np.maximum(self._each[own], part.buffer("step_count")[rows])
+        arrays = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
+        found: dict[int, Point | None] = {}
+        for row, k in zip(rows.tolist(), asked, strict=True):  # each alone: what is asked of one is found of no other
+            one = slice(row, row + 1)
+            first = unknowns[one], self.levels[k : k + 1].copy(), residual[one], gamma[one]
+            points = Points(*first, turns.forces, *(values[one] for values in arrays))
+            found[k] = replace(points, clamps=turns.held)[0]
+        return found
+
+    def _in_pieces(self, clamping: int, asked: list[int]) -> tuple[IntArray, ClampedTurns]:
+        """A problem with clamps of the instances that ask, and no more than as many others; which it has, ascending."""
+        count = self.part.instance_count
+        places, turns = self._pieces.get(clamping, (np.zeros(0, dtype=np.intp), None))
+        if turns is None or not set(asked) <= set(places.tolist()) or 2 * len(asked) <= len(places):
+            places = np.arange(count) if 2 * len(asked) > count else np.array(sorted(asked))
+            turns = self._whole.get(clamping) if len(places) == count else None
+            turns = ClampedTurns(self._clamped[clamping](places)) if turns is None else turns
+            if len(places) == count:
+                self._whole[clamping] = turns
+            self._pieces[clamping] = places, turns
+        return places, turns
 
     def _settle(self, asked: dict[int, Settle]) -> dict[int, tuple[FloatArray | None, int]]:
         """Where damped dynamics rest."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
+from multirod.solvers.continuation.pace import PACED, creeps
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Points, norms
 from multirod.solvers.following.requests import Answer, Correct, Descend, Trace
 from multirod.solvers.following.valley import FLOOR
@@ -213,6 +214,7 @@ class _Traces:
         self.steps = np.minimum(self._longest(np.arange(count), self.levels[:, 0]), [one.first for one in asked])
         self.surprise, self.halved = np.full((count, n), np.nan), np.zeros(count, dtype=bool)
         self.on, self.taken = np.ones(count, dtype=bool), np.zeros(count, dtype=np.intp)
+        self.passed = self.levels[:, 0].copy()  # when its last ``PACED`` steps began
         self.integrations, self.spent = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
 
     def goes_on(self) -> bool:
@@ -256,6 +258,13 @@ class _Traces:
         self.surprise[none] = np.where(same[~good, None], found.unknowns[~good], np.nan)
         self.halved[none] = True
         self.on[now[(self.steps[now] < MIN_STEP) & (~good | np.isfinite(rest))]] = False
+        self._give_up(now[self.taken[now] % PACED == 0])
+
+    def _give_up(self, some: IntArray) -> None:
+        """(18) What creeps."""
+        level, left = self.levels[some, 0], self.most[some] - self.taken[some]
+        self.on[some[creeps(level, level - self.passed[some], np.full(len(some), PACED), left)]] = False
+        self.passed[some] = level
 
     def _rest(self, now: IntArray, found: _Corrections, good: BoolArray, step: FloatArray) -> FloatArray:
         """How far from where each stands now ``det Gamma`` would vanish, by its last change; infinite where it would not."""

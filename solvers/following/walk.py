@@ -22,6 +22,7 @@ OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step b
 NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
 POLISHED = 1e-2  # of the unknowns at the end of the way, by which other equations may move it slowly
 CLAMPED_STEPS = 400  # of a descent by the turns of clamps
+GOING, LEAST_GONE = 50, 2.5  # of so many in a row, what the parts that they keep are to add up to: what lands makes 12
 RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
 LEAST_RADIUS = 0.005  # the same where steps are short [rad]
 SHORTEST_CLAMPED = 1e-4  # part of a step
@@ -310,9 +311,13 @@ class Walk:
 
     def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """The same by the turns of clamps: in steps that (9) says are short enough, as ends that are held bend the way."""
-        radius, share, along = RADIUS, 1.0, 0
+        radius, share, along, gone = RADIUS, 1.0, 0, np.inf
         turn = slope.modes.T @ first if first.any() else slope.turn(RADIUS)
         for k in range(CLAMPED_STEPS):
+            if k % GOING == 0:  # (17)
+                if gone < LEAST_GONE:
+                    return None
+                gone = 0.0
             step = share * (slope.back + slope.change(slope.modes @ turn))
             trial = yield from self._at(point.unknowns + step, point.level)
             self.iterations += 1
@@ -335,7 +340,7 @@ class Walk:
                     return None
                 continue
             assert found is not None  # or it would be infinitely far off
-            point, slope = trial, found
+            point, slope, gone = trial, found, gone + share
             if point.size <= self.within and slope.values[0] >= -SOFT:
                 return point
             # what leads back to where ends are held may be long, and is no turn: it shortens steps, the radius by so much alone

@@ -21,7 +21,7 @@ TOGETHER = 32  # instances put together in one batch
 PATIENCE = 4  # times as many steps as the natural branch may take: many legs that are nearly joined are stiff, their steps short
 CLOSING_STEP = 0.25  # of the way from apart to together, at first: four equilibria tell how the branch turns
 SETTLING_STEPS = 200  # of the path of one start, in loads
-EVALUATIONS = 1200  # in which a branch is followed through its folds
+EVALUATIONS = 800  # in which a branch is followed through its folds
 FIRST_STEP, LONGEST_STEP, SMALLEST_STEP = 0.05, 1.0, 1e-6  # of its arclength, unknowns by the curvature scale
 ITERATIONS = 7  # of Newton's method in a step
 CONTRACTION = 0.4  # largest ratio of these
@@ -30,6 +30,7 @@ CLOSE = 1e-6  # residual of a point on the branch, of the curvature scale
 FURTHEST = 3.0  # that it may lead back beyond the start, in the whole way
 
 BoolArray = NDArray[np.bool_]
+Closed = dict[int, tuple[Status, float, FloatArray]]  # how joints closed: status, part of the way, unknowns there
 GoOn = Callable[[BoundaryProblem, Newton, Outcome], None]
 
 
@@ -41,6 +42,7 @@ def assemble(
     max_steps: int,
     go_on: GoOn | None = None,
     *,
+    closed: Closed | None = None,
     closing: bool = False,
 ) -> BoolArray:
     """Put the instances ``lost`` together without loads, then raise these: ``CONVERGED`` unless what that leads to is unstable.
@@ -48,6 +50,7 @@ def assemble(
     Steps pass the tests of every branch (``Paths``), ``PATIENCE`` times ``max_steps`` at most for the joints and as many for the
     loads. What is not found is left as it is. ``go_on`` leads on from where a branch ends as loads are raised, or if so asked as
     joints are closed, and says so in the outcome that it is given; the load factor of what happens while joints are closed is 0.
+    How joints close is put into ``closed``; from where that ended, what is ``closing`` goes on.
 
     Returns:
         Whose branch ended as loads were raised, (instance_count,).
@@ -57,7 +60,10 @@ def assemble(
         return ended
     for places in np.split(np.flatnonzero(lost), range(TOGETHER, int(lost.sum()), TOGETHER)):
         part = problem.parts.of(places)
-        found = _natural(part, newton.of(part, places), max_steps, go_on, closing)
+        known = {k: closed[place] for k, place in enumerate(places.tolist())} if closing and closed is not None else {}
+        found = _natural(part, newton.of(part, places), max_steps, go_on, known)
+        if closed is not None:
+            closed.update((place, known[k]) for k, place in enumerate(places.tolist()))
         ended[places] = (found.status == Status.BRANCH_END) & (found.reached == 1.0)
         outcome.iterations[places] += found.iterations
         outcome.integrations[places] += found.integrations
@@ -70,17 +76,28 @@ def assemble(
     return ended
 
 
-def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int, go_on: GoOn | None, closing: bool) -> Outcome:
+def _natural(problem: BoundaryProblem, newton: Newton, max_steps: int, go_on: GoOn | None, known: Closed) -> Outcome:
     """First the joints, then the loads; statuses as ``Paths`` gives them, ``UNSTABLE`` where that is what is reached.
 
-    ``reached`` is the part of the way by which joints were closed.
+    ``reached`` is the part of the way by which joints were closed. Where it is ``known`` how that ended, ``go_on`` leads on from
+    there; else it is put in.
     """
     paths = Paths(problem, newton, PATIENCE * max_steps)
     count, joints = problem.instance_count, _joints(problem)
     joints.close(Loading.NONE)
-    closed = paths.raise_from(np.ones(count, dtype=bool), joints.apart(), np.full(count, CLOSING_STEP))
-    if go_on is not None and closing:
-        go_on(problem, newton, closed)
+    apart = joints.apart()
+    if known:
+        ended = [known[k] for k in range(count)]
+        closed = Outcome.zeros(count)
+        closed.status, closed.reached = (np.array([own[i] for own in ended]) for i in (0, 1))
+        problem.write("unknowns", np.array([own[2] for own in ended]))
+        if go_on is not None:
+            go_on(problem, newton, closed)
+    else:
+        closed = paths.raise_from(np.ones(count, dtype=bool), apart, np.full(count, CLOSING_STEP))
+        assert closed.reached is not None  # of paths
+        for k, unknowns in enumerate(problem.read("unknowns")):
+            known[k] = Status(int(closed.status[k])), float(closed.reached[k]), unknowns
     joints.close(Loading.RISING)
     joints.shut()
     whole = ~failures(closed.status)

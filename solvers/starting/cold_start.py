@@ -13,7 +13,7 @@ from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.following.walk import NOISY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
-from multirod.solvers.starting.assembling import assemble
+from multirod.solvers.starting.assembling import Closed, assemble
 from multirod.solvers.starting.letting_out import let_out, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.starting.releasing import Releasing
@@ -184,7 +184,8 @@ class ColdStart:
         problem, newton, outcome, steps = self.problem, self.newton, self.outcome, self.options.max_continuation_steps
         further = None if self.options.at_fold == "stop" else self._follow_part
         newton.allow(self._allowed)
-        ended = assemble(problem, newton, outcome, self.lost, steps, further)
+        closed: Closed = {}
+        ended = assemble(problem, newton, outcome, self.lost, steps, further, closed=closed)
         if further is None:
             outcome.status[ended] = Status.BRANCH_END
             self.chosen = self.chosen & ~ended
@@ -194,7 +195,9 @@ class ColdStart:
             return
 
         def by_closing() -> None:
-            assemble(problem, newton, outcome, self.lost & ~ended, steps, further, closing=True)
+            open_ = np.zeros_like(ended)
+            open_[[place for place, (status, *_) in closed.items() if status.failed]] = True
+            assemble(problem, newton, outcome, self.lost & open_, steps, further, closed=closed, closing=True)
 
         def from_several_places() -> None:
             lowest_stable(problem, newton, outcome, self.lost, steps, further, self.options.sign)
