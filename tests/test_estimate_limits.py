@@ -217,3 +217,30 @@ def test_slack_lines_far_from_taut_and_at_their_kinks_are_looked_across(force):
     squares = np.nan_to_num(off, nan=np.inf) + (((grid - means[:, None]) / size) ** 2).sum(axis=-1)
     assert (found.misfit < squares.min(axis=1)).all()
     assert found.integrations.max() < 100  # 54 were seen
+
+
+@pytest.mark.parametrize("force", [(0.02, 0.01, 0), (0, 0, 0)])
+def test_lines_that_do_not_stretch_are_estimated_from_priors_that_no_robot_can_have(force):
+    """(20c) One of two opposite tendons lets out what the other draws in: of the most probable displacements the one that is less
+    told is at its kink. Here the rod is bent as in truth, and what is left follows from the priors alone."""
+    lines = [mr.Tendon((place, 0), driven="displacement") for place in (0.008, -0.008)]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    pulled, size, sigma = 0.002, 2e-3, 5e-4
+    there = mr.solve(robot, robot.inputs(displacement=(pulled, -0.0025), tip_force=force)).raise_if_failed()
+    means = np.array([(0.002, 0.002), (0, 0), (0.001, -0.0005), (0.004, 0.001), (0.002, -0.0019), (-0.001, -0.001)])
+    begun = mr.solve(robot, robot.inputs(displacement=means, tip_force=force))
+    assert begun.failed.any()
+    sensor, prior = mr.Pose(position=there.tip_position, sigma=sigma), {"displacement": mr.Prior(means, sigma=size)}
+    found = mr.estimate(robot, robot.inputs(tip_force=force), unknown=prior, measured=sensor)
+    assert not found.failed.any(), found
+    value = found.value("displacement")
+    # a deviation of the position is 1.5 to 2.5 % of the prior's by the displacement that bends: so much of the way is undone
+    np.testing.assert_allclose(value[:, 0], pulled, rtol=0, atol=0.025 * np.abs(means - (pulled, -pulled)).max())
+    np.testing.assert_allclose(value[:, 1], np.minimum(means[:, 1], -value[:, 0]), rtol=0, atol=2e-6)  # 1e-6 by twist and hairs
+    away = (((value - means) / size) ** 2).sum(axis=1)
+    assert (found.misfit >= away).all()
+    assert (found.misfit <= (((means - (pulled, -pulled)) / size) ** 2).sum(axis=1) + 1e-3).all()
+    assert found.integrations.max() < 1000  # 562 were seen
+    alone = {"displacement": mr.Prior(means[3], sigma=size)}
+    again = mr.estimate(robot, robot.inputs(tip_force=force), unknown=alone, measured=sensor)
+    np.testing.assert_array_equal(again.value("displacement"), value[3])

@@ -17,6 +17,7 @@ from multirod.status import Status, failures
 from multirod.tasks.estimating.bounded import Bounds
 from multirod.tasks.estimating.inference import SETTLED, damping, deviations, posterior, roots, units
 from multirod.tasks.estimating.kinked import Kinked
+from multirod.tasks.estimating.let_out import LetOut
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.limits import known_rows
@@ -60,7 +61,7 @@ class Part:
     def __init__(
         self, scene: Known, piece: slice | IntArray, instances: IntArray | None, measured: Measured | None = None
     ) -> None:
-        self.scene, self.piece = scene, piece
+        self.scene, self.piece, self.instances = scene, piece, instances
         robot, inputs, names = scene.robot, scene.inputs, tuple(scene.priors)
         options: dict[str, Any] = {"integrator": scene.solver.integrator, "device": scene.device, "instances": instances}
         limits, unit, task_options = known_rows(robot, None, names)
@@ -94,15 +95,35 @@ class Part:
 
     def run(self) -> None:
         """Go on until each instance has come to an end."""
-        active = self._start()
+        self._go_on(np.ones(self.count, dtype=bool), self._start())
+        if len(self.task.problem.kinks):
+            begun = LetOut(self)
+            while (chosen := begun.next()).any():
+                self._go_on(chosen, self._begin(chosen))
+        self._judge()
+
+    def _go_on(self, chosen: NDArray[np.bool_], active: NDArray[np.bool_]) -> None:
+        """Until each that is ``active`` of those ``chosen`` has come to an end."""
         for _ in range(self.scene.max_iterations):
             if not active.any():
                 break
             active = self._advance(active)
         self.outcome.status[active] = Status.MAX_ITERATIONS
         if len(self.task.problem.kinks):
-            Kinked(self).run()
-        self._judge()
+            Kinked(self).run(chosen)
+
+    def _begin(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Anew at equilibria ``x`` of ``p``; which of all instances are not what is sought already."""
+        self.square[chosen] = self.gap[chosen] = np.inf
+        self.part[chosen] = self.base_part[chosen] = 1.0
+        self.shortened[chosen] = self.returned[chosen] = 0
+        self.restoring[chosen] = self.based[chosen] = False
+        self.outcome.status[chosen] = Status.NOT_RUN
+        self.outcome.integrations[chosen] += 1
+        rows, found = np.flatnonzero(chosen), self.task.evaluate(self.x, self.p, chosen)
+        active = self._take(rows, self.x[chosen], self.p[chosen], found)
+        self.outcome.status[chosen & ~active & (self.outcome.status == Status.NOT_RUN)] = Status.STALLED
+        return active
 
     def _judge(self) -> None:
         """Refuse what the robot would leave, or the problem's own test does: it was at rest when it was measured."""

@@ -1,7 +1,7 @@
 """Estimates where lines turn slack or taut, whose rows have a kink there. Numbers in parentheses: ``docs/estimation.md``."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 AT_KINK = 1e-6  # of the scale of curvatures: lines that their kinks hold back
 NEARBY = 3.0  # standard deviations of a line's unknown, from its kink, within which the other side is looked at at least
+HAIR = 1e-6  # times one over the scale of curvatures: by which lines are let out that are to be at their kinks [m]
 ASIDE = 1e-12  # of it, where columns are those of one side
 MOST_BOTH = 6  # lines that are looked at so, in all their ways
 SPENT = 5  # integrations for each step that is allowed
@@ -78,11 +79,11 @@ class Kinked:
         self._part, self._kinks = part, part.task.problem.kinks
         self._scale = part.task.problem.curvature_scale()
 
-    def run(self) -> None:
-        """Seek an end of what came to none, one instance after another; look across from ends beside a line that is slack."""
+    def run(self, chosen: NDArray[np.bool_]) -> None:
+        """Seek an end of what came to none of those chosen (b,), one after another; look across from ends beside a slack line."""
         part = self._part
-        endless = np.isin(part.outcome.status, ENDLESS) & np.isfinite(part.square)
-        ended = part.outcome.status == Status.CONVERGED
+        endless = chosen & np.isin(part.outcome.status, ENDLESS) & np.isfinite(part.square)
+        ended = chosen & (part.outcome.status == Status.CONVERGED)
         for row in np.flatnonzero(endless).tolist():
             here = self._settled(row, part.x[row], part.p[row])
             if here is None and part.based[row]:
@@ -108,7 +109,7 @@ class Kinked:
         part, moved = self._part, False
         allowed = part.outcome.integrations[row] + SPENT * part.scene.max_iterations
         while here is not None and part.outcome.integrations[row] < allowed:
-            own = self._step(row, here, here.x, here.told, here.x[self._kinks] > 0)
+            here, own = self._own(row, here)
             if own is None:
                 break
             if own.length > SETTLED:
@@ -126,6 +127,18 @@ class Kinked:
         if moved and part.outcome.status[row] == Status.CONVERGED:
             part.outcome.status[row] = Status.MAX_ITERATIONS  # something is more probable than where it ended
         return False
+
+    def _own(self, row: int, here: _Here) -> tuple[_Here, _Step | None]:
+        """The step with each line on its side; where that is no way, as of lines that do not stretch if all are taut, with those
+        slack that are at their kinks."""
+        own, z = self._step(row, here, here.x, here.told, here.x[self._kinks] > 0), here.x[self._kinks]
+        at = self._kinks[(z > 0) & (z <= AT_KINK * self._scale[row])]
+        if own is None and len(at):
+            x = here.x.copy()
+            x[at] = -ASIDE * self._scale[row]
+            here = replace(here, x=x, told=self._told(row, self._evaluated(row, x, here.p)))
+            own = self._step(row, here, x, here.told, x[self._kinks] > 0)
+        return here, own
 
     def _across(self, row: int, here: _Here, own: _Step) -> tuple[_Here | None, FloatArray | None]:
         """Where (1) is less on the other sides of kinks, from an end on this side; None if nowhere, then the covariance there,
@@ -156,13 +169,23 @@ class Kinked:
         moved, K = step.by @ step.d, self._kinks
         moved[K] = np.maximum(step.x[K] + moved[K], 0.0) - np.maximum(here.x[K], 0.0)  # what is slack moves nothing
         part = 1.0 / max(1.0, np.abs(moved).max() / (LONGEST * self._scale[row]))
+        hair = self._hair(row, np.abs((step.x + step.by @ step.d)[K]) <= AT_KINK * self._scale[row])
         for _ in range(HALVINGS):
             p = self._part.bounds.kept((here.p + part * step.d)[None], here.p[None])[0]
             there = self._settled(row, step.x + step.by @ (p - here.p), p)
+            if there is None and hair.any():
+                there = self._settled(row, step.x + step.by @ (p - hair - here.p), p - hair)
             if there is not None and there.square <= here.square - DECREASE * part * max(here.square - step.left, 0.0):
                 return there
             part /= 2
         return None
+
+    def _hair(self, row: int, lines: NDArray[np.bool_]) -> FloatArray:
+        """By which freed inputs (k,) let out some lines, of which a step leads to their kinks: beyond its first order, those that
+        do not stretch may have no equilibrium there."""
+        task, drives = self._part.task, self._part.task.problem.kink_inputs
+        own = drives[lines] if len(drives) == len(lines) else drives[:0]  # one drive may be of several lines
+        return np.asarray(HAIR / self._scale[row] * np.isin(task.places, own))
 
     def _settled(self, row: int, x: FloatArray, p: FloatArray) -> _Here | None:
         """The equilibrium at ``p`` (k,), by Newton's method from ``x`` (n,)."""
