@@ -60,7 +60,7 @@ class Shooting(Solver):
     predictor: str = "adaptive"
     line_search: bool = True
     max_continuation_steps: int = 1000
-    max_integrations: int = 30_000
+    max_integrations: int = 50_000
     fallback: bool = True
     at_fold: str = "follow"
     side: str = "positive"
