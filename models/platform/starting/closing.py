@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.batch import solved_each
 from multirod.capabilities import Loading
 from multirod.kernels.shared import Shared
 from multirod.models.backbone.stability.conjugates import GIVE
@@ -41,15 +42,23 @@ class Closed:
         inputs: Packed, what is no load, shape (instance_count, k).
         unknowns: [1/m], shape (instance_count, n).
         residual: What is left of it there [1/m], shape (instance_count, n).
-        singular_value: Smallest of ``Gamma`` there, 1 at most, shape (instance_count,).
+        gamma: ``Gamma`` there, shape (instance_count, n, n).
         tried: How many guesses were looked at, shape (instance_count,).
     """
 
     inputs: FloatArray
     unknowns: FloatArray
     residual: FloatArray
-    singular_value: FloatArray
+    gamma: FloatArray
     tried: NDArray[np.int_]
+
+    @cached_property
+    def singular_value(self) -> FloatArray:
+        """Smallest of ``gamma``, 1 at most, shape (instance_count,)."""
+        sound = np.isfinite(self.gamma).all(axis=(1, 2))
+        least = np.ones(len(self.gamma))
+        least[sound] = np.minimum(1.0, np.linalg.svd(self.gamma[sound], compute_uv=False)[:, -1])
+        return least
 
 
 class Closing:
@@ -81,10 +90,7 @@ class Closing:
                     x, residual, gamma, tried = self._leg_by_leg(x, legs, at)
                 else:
                     x, residual, gamma, tried = self._best(self._bent(x, legs, at))
-            sound = np.isfinite(gamma).all(axis=(1, 2))
-            least = np.ones(self.problem.instance_count)
-            least[sound] = np.minimum(1.0, np.linalg.svd(gamma[sound], compute_uv=False)[:, -1])
-            self._found = Closed(inputs, x, residual, least, tried)
+            self._found = Closed(inputs, x, residual, gamma, tried)
         return self._found
 
     @contextmanager
@@ -139,9 +145,10 @@ class Closing:
         for candidate in candidates:
             with self.problem.only(open_):
                 found, gamma = self.problem.evaluate(candidate)
-            regular = open_ & np.isfinite(found).all(axis=1) & (np.linalg.slogdet(np.nan_to_num(gamma))[0] != 0)
-            length = np.full(count, 1e300)  # a singular start is better than none
-            length[regular] = np.linalg.norm(np.linalg.solve(gamma[regular], found[regular][..., None])[..., 0], axis=1)
+            sound = open_ & np.isfinite(found).all(axis=1) & np.isfinite(gamma).all(axis=(1, 2))
+            length = np.full(count, np.nan)
+            length[sound] = np.linalg.norm(solved_each(gamma[sound], found[sound][..., None])[..., 0], axis=1)
+            length[np.isnan(length)] = 1e300  # a singular start is better than none
             better = open_ & (length < shortest)
             x[better], residual[better], best[better] = candidate[better], found[better], gamma[better]
             shortest[better] = length[better]
