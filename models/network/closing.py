@@ -26,6 +26,7 @@ CLOSED = 1e-4  # of a length, that a gap is closed to
 REGULAR = 1e-8  # least singular value of a network that is not singular, of the largest
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 ARRAYS = ("opening", "soft", "shift", "loading")
+BESIDE = ("fault", "step_count", "residual_directions", "pose_columns")  # what an integration writes beside the records
 
 
 class Closing:
@@ -61,7 +62,7 @@ class Closing:
 
     def level(self) -> FloatArray:
         """What multiplies the loads of each instance, shape (instance_count,)."""
-        factor = self.problem.load_factor.numpy()
+        factor = self.problem.buffer("load_factor")
         return np.where(self.loading == int(Loading.NONE), 0.0, np.where(self.loading == int(Loading.FULL), 1.0, factor))
 
     def is_closed(self) -> BoolArray:
@@ -159,8 +160,7 @@ class Closing:
     @contextmanager
     def unloaded(self) -> Iterator[None]:
         """Within it, all instances may be evaluated without loads; everything is as it was afterwards."""
-        kept = (self.problem.fault, self.problem.step_count, self.problem.residual_directions, self.problem.pose_columns)
-        values = [np.array(array.numpy()) for array in kept]
+        values = [np.array(self.problem.buffer(name)) for name in BESIDE]
         records = self.problem.snapshot()
         own = [np.array(values) for values in (self.opening, self.soft, self.loading, self.shift)]
         self.opening[:], self.soft[:], self.loading[:], self.shift[:] = 0.0, 0.0, int(Loading.NONE), 0.0
@@ -169,8 +169,8 @@ class Closing:
                 yield
         finally:
             self.problem.restore(records)
-            for array, before in zip(kept, values, strict=True):
-                array.assign(before)
+            for name, before in zip(BESIDE, values, strict=True):
+                self.problem.put_back(name, before)
             self.opening[:], self.soft[:], self.loading[:], self.shift[:] = own
 
 
@@ -183,7 +183,10 @@ def load_scale(problem: "NetworkProblem") -> FloatArray:
     first, bodies = problem.rod_count, slice(problem.rod_count, None)
     rods = [*range(first, first + problem.body_count), *problem.graph.free, *(first + problem.graph.framed)]
     for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
-        size = np.linalg.norm(inputs[:, problem.input_slice(name)].reshape(problem.instance_count, -1, 3), axis=2)
+        given = inputs[:, problem.input_slice(name)]
+        if not given.any():
+            continue
+        size = np.linalg.norm(given.reshape(problem.instance_count, -1, 3), axis=2)
         total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)
     for push in problem.graph.pushes(inputs[:, problem.pushed_place]):
         total += (np.abs(push).sum(axis=2) * (L / EI)[:, : problem.rod_count]).sum(axis=1)

@@ -274,7 +274,7 @@ class NetworkJoints(Joints):
                 problem.write("unknowns", unknowns)
                 with problem.only(on):
                     problem.integrate()
-                found, faults = problem.read("residual"), problem.fault.numpy() != 0
+                found, faults = problem.read("residual"), problem.buffer("fault") != 0
                 residual[on] = found[on]
                 integrations += on
                 step = problem.closing.newton_step(problem.closing.numbers(), found)
@@ -304,7 +304,7 @@ class NetworkJoints(Joints):
             problem.write("unknowns", found)
             with problem.only(on):
                 problem.integrate()
-            left, faults = problem.read("residual"), problem.fault.numpy() != 0
+            left, faults = problem.read("residual"), problem.buffer("fault") != 0
             size = np.linalg.norm(problem.closing.newton_step(problem.closing.numbers(), left), axis=1)
             short = on & ~faults & (size <= SHORT * np.linalg.norm(found, axis=1))
             unknowns[short], residual[short] = found[short], left[short]

@@ -34,7 +34,7 @@ class State:
         if own.graph.is_driven:  # (24)
             driven = own.graph.driven_angles(self.inputs[..., own.driven_place])
             self.angles = [free + given for free, given in zip(self.angles, driven, strict=True)]
-        left = (1 - own.load_factor.numpy())[:, None, None]
+        left = (1 - own.buffer("load_factor"))[:, None, None]
         arms = own.attachments[0][0], own.attachments[1][0] + left * own.closing.shift  # (29)
         self.ends = [
             Holding(self.frames, end.stand, (arms[k], own.attachments[k][1]), end.table.at(self.angles[k]))

@@ -228,8 +228,18 @@ class Buffers(Uncopied):
     @contextmanager
     def everyone(self) -> Iterator[None]:
         """Within it, all instances are active; then as it was."""
-        with self.only(np.ones(self.instance_count, dtype=bool)):
+        active = self._views.get("active")
+        if active is None or self.listed < self.instance_count or not active.all():
+            with self.only(np.ones(self.instance_count, dtype=bool)):
+                yield
+            return
+        before = active.copy()  # so it is mostly, and a cold solve asks some twenty times
+        try:
             yield
+        finally:
+            active[:] = before
+            if self.listed < self.instance_count:
+                self._pass_over(None)
 
     def keep(self, part: "Buffers", instances: IntArray, rows: IntArray | None = None) -> None:
         """Take over the records of a part of the instances, of its ``rows`` (k,) or all."""
@@ -274,6 +284,14 @@ class Buffers(Uncopied):
         target = getattr(self, name)
         kind = np.float64 if target.dtype == wp.float64 else np.int32
         target.assign(np.ascontiguousarray(np.broadcast_to(np.asarray(values, dtype=kind), self.instance_count)))
+
+    def put_back(self, name: str, values: NDArray[Any]) -> None:
+        """Set what ``buffer`` gives to a copy of it, of all instances."""
+        view = self._views.get(name)
+        if view is None:
+            getattr(self, name).assign(values)
+        else:
+            view[:] = values
 
     def write(self, name: str, values: FloatArray) -> None:
         """Set one field of the records from an array that broadcasts to (instance_count, size); of ``gamma`` that is what records

@@ -234,6 +234,7 @@ class JointTable:
 
     def __init__(self, joints: "list[Joint | None]", lengths: Sequence[float]) -> None:
         size = len(joints)
+        self._still: Turns | None = None  # of joints that are all clamped, at once for as many instances as were asked for last
         self.count: NDArray[np.intp] = np.array([0 if joint is None else joint.count for joint in joints], dtype=np.intp)
         self.driven: NDArray[np.bool_] = np.array([joint is not None and joint.driven for joint in joints], dtype=bool)
         self.free: NDArray[np.intp] = np.where(self.driven, 0, self.count)
@@ -260,12 +261,14 @@ class JointTable:
 
     def at(self, angles: FloatArray) -> Turns:
         """(2), (3), (36) At coordinates (instance, joint, 3)."""
-        shape = angles.shape[:-1]
-        moved = np.einsum("jik,bjk->bji", self.slide, angles)
         if not self.count.any():
-            still, none = np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.broadcast_to(0.0, (*shape, 3, 3))
-            return Turns(still, none, none, none, none, self.slide, moved)
+            shape = angles.shape[:-1]
+            if self._still is None or self._still.rotation.shape[:-2] != shape:
+                still, none = np.broadcast_to(np.eye(3), (*shape, 3, 3)), np.broadcast_to(0.0, (*shape, 3, 3))
+                self._still = Turns(still, none, none, none, none, self.slide, none[..., 0])
+            return self._still
 
+        moved = np.einsum("jik,bjk->bji", self.slide, angles)
         axes = np.stack([self.inner, self.outer])
         rotations, by_vectors = with_changes(np.einsum("ejik,bjk->ebji", axes, angles))
         (first, second), (by_first, by_second) = rotations, by_vectors @ axes[:, None]

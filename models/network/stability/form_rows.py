@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.network.elements.elements import POSE
+from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
@@ -20,7 +21,12 @@ class FormRows:
 
     Args:
         problem: Of which.
+
+    Attributes:
+        scales: What makes them derivatives of the energy where only lengths and stiffnesses say it, once that was asked for.
     """
+
+    scales: tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None = None
 
     def __init__(self, problem: "NetworkProblem") -> None:
         self._entries, self._layout, self._graph = problem.entries, problem.layout, problem.graph

@@ -232,13 +232,12 @@ class NetworkStability(StabilityAnalysis):
     def _in_units_of_energy(self, state: "State") -> tuple[Scales, Scales]:
         """(16b), (17) What makes rows derivatives of the energy, by displacements that are not scaled but in units of what is
         one: what stands on the left and on the right of the form."""
-        problem, rods, size = self.problem, self.problem.rod_count, self.rows.size
-        held = problem.graph.ends[1].held
-        L, EI = problem.length, problem.stiffness
-        count = problem.instance_count
-        rows, columns, (unit, mean) = np.ones((count, size)), np.ones((count, size)), self._units()
-        rows[:, : 3 * rods] = np.repeat(np.where(held, -(L[:, :rods] ** 2), EI[:, :rods]), 3, axis=1)
-        places = self.rows.of_tensions
+        problem, count, L = self.problem, self.problem.instance_count, self.problem.length
+        slides, poses, places = problem.graph.slides, self.rows.of_poses, self.rows.of_tensions
+        if self.rows.scales is None:
+            self.rows.scales = self._constant_scales()
+        rows, columns, unit, mean = self.rows.scales
+        rows, columns = rows.copy(), columns.copy()
         for group in problem.groups:
             stiffness, rate = group.backbones.lines.tension_rates()
             for rod, own, part in zip(
@@ -249,22 +248,6 @@ class NetworkStability(StabilityAnalysis):
                 there = places[rod, : own.shape[1]]
                 soft = np.sqrt(np.maximum(part, LOOSE))
                 rows[:, there], columns[:, there] = -own * soft, 1 / (L[:, rod, None] * soft)
-        for end, (angles, sense) in enumerate(zip(problem.layout.angles_at, (-1.0, 1.0), strict=True)):
-            at = problem.places[:, angles]
-            rod, which = np.nonzero(at >= 0)
-            places = self.rows.of(at[rod, which])
-            torques = torque_units(problem, end)[:, rod, which]
-            rows[:, places], columns[:, places] = sense * torques, 1 / L[:, rod]
-            unit[:, places] = counted(torques, EI[:, rod])
-        slides = problem.graph.slides
-        below = np.flatnonzero(slides.upper >= 0)
-        holes = self.rows.of(np.array(problem.first_hole)) + slides.upper[below]
-        rows[:, holes], columns[:, holes] = -EI[:, below] / L[:, below], 1 / L[:, below] ** 2
-        poses = self.rows.of_poses
-        length, stiffness = L[:, rods:, None], EI[:, rods:, None]
-        rows[:, poses[:, :3]], rows[:, poses[:, 3:]] = stiffness / length, stiffness
-        columns[:, poses[:, :3]] = 1 / length**2
-        unit[:, holes] *= counted(push_units(problem)[:, 0, below], EI[:, below])
         rows, columns = rows * unit * mean[:, None], columns * unit
         turns = np.swapaxes(state.frames.axes, -1, -2) @ state.frames.turns[:, state.frames.moving]
         turns = np.linalg.inv(turns) * unit[:, poses[:, 3:]][..., None, :] / unit[:, poses[:, 3:]][..., :, None]
@@ -283,6 +266,33 @@ class NetworkStability(StabilityAnalysis):
             Scales(rows, at, block * rows[:, at][:, :, None, :]),
             Scales(columns, turned, turns * columns[:, turned][..., None]),
         )
+
+    def _constant_scales(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """(16b), (17) What stands on the left and on the right where only lengths and stiffnesses say it, one elsewhere, and
+        ``_units``, those of joints and holes as they are counted."""
+        problem, rods, size = self.problem, self.problem.rod_count, self.rows.size
+        held = problem.graph.ends[1].held
+        L, EI = problem.length, problem.stiffness
+        count = problem.instance_count
+        rows, columns, (unit, mean) = np.ones((count, size)), np.ones((count, size)), self._units()
+        rows[:, : 3 * rods] = np.repeat(np.where(held, -(L[:, :rods] ** 2), EI[:, :rods]), 3, axis=1)
+        for end, (angles, sense) in enumerate(zip(problem.layout.angles_at, (-1.0, 1.0), strict=True)):
+            at = problem.places[:, angles]
+            rod, which = np.nonzero(at >= 0)
+            places = self.rows.of(at[rod, which])
+            torques = torque_units(problem, end)[:, rod, which]
+            rows[:, places], columns[:, places] = sense * torques, 1 / L[:, rod]
+            unit[:, places] = counted(torques, EI[:, rod])
+        slides = problem.graph.slides
+        below = np.flatnonzero(slides.upper >= 0)
+        holes = self.rows.of(np.array(problem.first_hole)) + slides.upper[below]
+        rows[:, holes], columns[:, holes] = -EI[:, below] / L[:, below], 1 / L[:, below] ** 2
+        poses = self.rows.of_poses
+        length, stiffness = L[:, rods:, None], EI[:, rods:, None]
+        rows[:, poses[:, :3]], rows[:, poses[:, 3:]] = stiffness / length, stiffness
+        columns[:, poses[:, :3]] = 1 / length**2
+        unit[:, holes] *= counted(push_units(problem)[:, 0, below], EI[:, below])
+        return rows, columns, unit, mean
 
     def _units(self) -> tuple[FloatArray, FloatArray]:
         """What counts as one in each variable, (instance_count, size), and one over the stiffness that values are told in."""
