@@ -190,11 +190,11 @@ class Assembly(ReadOnly, ABC):
             if all(spec.name != name for spec in self.input_specs):
                 refuse(name, values[name], "must not be given: no rod has a line that is driven by it")
         needs_length = any(callable(value) for value in values.values())
-        length = 0.0
+        reach = 0.0, np.inf
         if needs_length:
             plain = {name: value for name, value in values.items() if not callable(value)}
-            length = self._reach(Inputs(self.input_specs, self.rod_count, plain))
-        result = Inputs(self.input_specs, self.rod_count, values, length)
+            reach = self._reach(Inputs(self.input_specs, self.rod_count, plain))
+        result = Inputs(self.input_specs, self.rod_count, values, *reach)
         self._check_axes(result)
         self.check(result)
         result.checked_by(self)
@@ -308,9 +308,11 @@ class Assembly(ReadOnly, ABC):
         """
         return True
 
-    def _reach(self, inputs: Inputs) -> float:
-        """Largest arclength in use [m], for functions of arclength."""
-        return self.longest + float(np.max(inputs.translation, initial=0.0))
+    def _reach(self, inputs: Inputs) -> tuple[float, float]:
+        """Largest arclength in use [m], for functions of arclength, and that of the rod that has least."""
+        pushed = inputs.translation
+        shortest = min(float(rod.length.min()) for rod in self.rods) + float(np.min(pushed, initial=0.0))
+        return self.longest + float(np.max(pushed, initial=0.0)), max(shortest, 0.01 * self.longest)
 
     def translations_of(self, solution: "Solution[Any]") -> FloatArray:
         """How far each rod is pushed out of its base in a solution [m], shape (..., rod_count): given, or found."""

@@ -114,8 +114,16 @@ class Inputs(ReadOnly):
     _active: tuple[str, ...] | None = None  # likewise
     _checked: "ref[Any] | None" = None  # the robot that takes them, as far as is known
 
-    def __init__(self, specs: Sequence[InputSpec], rod_count: int, values: Mapping[str, Any], length: float = 0.0) -> None:
-        """Check and broadcast ``values``; ``length`` is the range over which functions of arclength are resolved [m]."""
+    def __init__(
+        self,
+        specs: Sequence[InputSpec],
+        rod_count: int,
+        values: Mapping[str, Any],
+        length: float = 0.0,
+        shortest: float = np.inf,
+    ) -> None:
+        """Check and broadcast ``values``; ``length`` is how far functions of arclength are resolved [m], of which the rod
+        that has least of them has ``shortest``."""
         self._specs = specs.by_name if isinstance(specs, InputSpecs) else {spec.name: spec for spec in specs}
         self._rod_count = rod_count
         unknown_names("inputs()", values, self._specs)
@@ -129,9 +137,8 @@ class Inputs(ReadOnly):
                 shape = f"(..., {spec.size(rod_count)})"
                 refuse(name, value, f"must be numbers in their order, shape {shape}: by name they are given to a Network")
             if spec.function and callable(value):
-                self._profiles[name] = (
-                    value if isinstance(value, Profile) and value.ends[-1] >= length else fit(name, value, length)
-                )
+                resolved = isinstance(value, Profile) and value.ends[-1] >= length
+                self._profiles[name] = value if resolved else fit(name, value, length, shortest=shortest)
             elif callable(value):
                 hint = "what changes with time is an array, time its first axis, for mr.simulate"
                 if spec.acts == "along":

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import Any, NoReturn
 
 import numpy as np
@@ -12,16 +13,20 @@ from multirod.validation import DOUBLE, LARGEST, PLAIN, FloatArray, array, froze
 DEGREE = 7
 _RELATIVE_ERROR = 1e-12
 _LEVELS = 14
-_PLACES = 234  # beside a Fibonacci number the gaps are the most alike
+_PLACES = 988  # beside a Fibonacci number the gaps are the most alike
+_MOST_PLACES = 28_658  # of a function that a rod much shorter than others has too
+_JUMP = 1e-6  # of the largest value, that two neighbouring numbers differ by
+_APART = 1e-9  # of the length, that jumps are from each other
+_MOST_JUMPS = 1024
 
 
 @dataclass(frozen=True)
 class Profile:
     """A function of arclength as polynomials on pieces.
 
-    A smooth function is resolved to rounding. At a jump or a kink the pieces are halved 14 times, so that it is
-    placed to ``length / 16384``: where its place is known, sections say it exactly. What a function does on less than
-    half a per cent of the length alone, between the places at which it is looked at, is not seen: that is a section too.
+    A smooth function is resolved to rounding, and between jumps, whose places are found. At a kink the pieces are halved 14
+    times, so that it is placed to ``length / 16384``. What a function does on less than a thousandth of the length alone, between
+    the places at which it is looked at, may not be seen: that is a section, if one can say it so.
 
     Attributes:
         ends: Arclength at which each piece ends [m], shape (piece_count,).
@@ -79,11 +84,11 @@ def _nodes(degree: int) -> FloatArray:
 
 
 @cache
-def _places() -> FloatArray:
-    """Where a function is looked at, of a length of 1, no two neighbours farther apart than 1/199: multiples of the golden ratio,
-    so that no wave has all of them where it is zero."""
+def _places(count: int) -> FloatArray:
+    """Where a function is looked at, of a length of 1, ``_PLACES`` of them no farther apart than 1/843: multiples of the golden
+    ratio, so that no wave has all of them where it is zero."""
     golden = 0.5 * (np.sqrt(5) - 1)
-    return np.asarray(frozen(np.append(np.sort(np.arange(_PLACES - 1) * golden % 1.0), 1.0)))
+    return np.asarray(frozen(np.append(np.sort(np.arange(count - 1) * golden % 1.0), 1.0)))
 
 
 def interpolate(function: Callable[[float], Any], start: float, end: float, degree: int = DEGREE) -> FloatArray:
@@ -115,9 +120,11 @@ def fit(
     *,
     start: float = 0.0,
     degree: int = DEGREE,
+    shortest: float = np.inf,
 ) -> Profile:
     """Resolve ``function(s)``, returning ``width`` numbers, on ``start <= s <= start + length``; the arclength of the pieces
-    counts from ``start``. What was resolved before, as far, and has no function at hand, is returned as it is.
+    counts from ``start``. Where a rod has the function on its first ``shortest`` metres alone, it is looked at as often there.
+    What was resolved before, as far, and has no function at hand, is returned as it is.
 
     Raises:
         ValueError: If a value is not finite or not of that width; the message names ``field`` and the arclength.
@@ -151,23 +158,64 @@ def fit(
 
     powers = np.arange(degree + 1)
     probes = np.array([-0.97, -0.53, 0.11, 0.46, 0.91])
-    ends: list[float] = []
-    coefficients: list[FloatArray] = []
-    places = length * _places()  # a bump between the nodes and probes of a piece would be none
+    count = int(min(_MOST_PLACES, _PLACES * np.ceil(max(1.0, length / shortest))))
+    places = length * _places(count)  # a bump between the nodes and probes of a piece would be none
     seen = np.array([sample(s) for s in places])
     scale = max(float(np.abs(seen).max()), 1e-300)
-    pieces = [(0.0, length, 0)]
-    while pieces:
-        first, end, level = pieces.pop()
+
+    def resolved(first: float, end: float) -> tuple[FloatArray, bool]:
+        """The polynomial of a piece, and whether it is what the function is there."""
         centre, half = 0.5 * (first + end), 0.5 * (end - first)
         found = interpolate(sample, first, end, degree)
-        near = slice(*np.searchsorted(places, (first, end)))
+        near = slice(places.searchsorted(first), places.searchsorted(end, "right" if end == length else "left"))
         t = np.concatenate([probes, (places[near] - centre) / half])
         given = np.concatenate([[sample(centre + half * t) for t in probes], seen[near]])
-        error = np.abs(t[:, None] ** powers @ found - given).max()
-        if error > _RELATIVE_ERROR * scale and level < _LEVELS:
-            pieces += [(centre, end, level + 1), (first, centre, level + 1)]
-        else:
+        return found, bool(np.abs(t[:, None] ** powers @ found - given).max() <= _RELATIVE_ERROR * scale)
+
+    def jump(a: float, b: float) -> float | None:
+        """Where the function jumps between two places, to rounding; None where it does not."""
+        at_a, at_b = sample(a), sample(b)
+        while a < (middle := 0.5 * (a + b)) < b:
+            value = sample(middle)
+            if np.abs(value - at_a).max() <= np.abs(value - at_b).max():
+                a, at_a = middle, value
+            else:
+                b, at_b = middle, value
+        return b if np.abs(at_b - at_a).max() > _JUMP * scale else None
+
+    def divided(breaks: list[float], most: float) -> tuple[Profile, list[tuple[float, float]]] | None:
+        """Polynomials between places, and the smallest pieces on which they are still not the function; None where there are more
+        than ``most``."""
+        ends: list[float] = []
+        coefficients: list[FloatArray] = []
+        rough: list[tuple[float, float]] = []
+        pieces = [(*between, 0) for between in reversed([*pairwise(breaks)])]
+        while pieces:
+            first, end, level = pieces.pop()
+            found, good = resolved(first, end)
+            if not good and level < _LEVELS:
+                centre = 0.5 * (first + end)
+                pieces += [(centre, end, level + 1), (first, centre, level + 1)]
+                continue
             ends.append(end)
             coefficients.append(found)
-    return Profile(np.array(ends), np.array(coefficients), source)
+            if not good:
+                rough.append((first, end))
+            if len(ends) > most:
+                return None
+        return Profile(np.array(ends), np.array(coefficients), source), rough
+
+    breaks, found, profile = [0.0, length], divided([0.0, length], np.inf), None
+    while found is not None:  # what takes more pieces between its jumps has none: it is noise
+        profile, rough = found
+        most, known = len(profile.ends) + len(rough), len(breaks)
+        for between in rough if len(rough) <= _MOST_JUMPS else ():
+            place = jump(*between)
+            if place is not None and min(abs(place - other) for other in breaks) > _APART * length:
+                breaks.append(place)
+        if len(breaks) == known:
+            break
+        breaks.sort()
+        found = divided(breaks, most)
+    assert profile is not None  # of the first time
+    return profile

@@ -89,6 +89,35 @@ def test_a_narrow_bump_of_curvature_turns_the_tip_by_its_area(width, centre):
     assert angle == pytest.approx(20 * width * np.sqrt(np.pi), abs=1e-9)
 
 
+@pytest.mark.parametrize("width", [0.004, 0.0012, 0.0006])
+@pytest.mark.parametrize("start", [0.1, 0.1501, 0.2173, 0.3993])
+def test_a_belt_presses_with_what_it_is_given(start, width):
+    """A load that jumps up and down again: what the base bears is its integral, to rounding and the integrator's tolerance, and a
+    longer rod in the batch, which is looked at all along, changes nothing."""
+    force = 0.05 * min(width, L - start) / width
+
+    def belt(s):
+        return (0.05 / width if start <= s < start + width else 0.0, 0, 0)
+
+    alone = solve(straight(), distributed_force=belt, distributed_moment=nothing)
+    beside = solve(straight(length=np.array([L, 4 * L])), distributed_force=belt, distributed_moment=nothing)
+    assert alone.wrench(0, "base").force[0] == pytest.approx(force, rel=1e-9)
+    assert beside.wrench(0, "base").force[0, 0] == pytest.approx(force, rel=1e-9)
+    np.testing.assert_allclose(beside.tip_position[0], alone.tip_position, rtol=0, atol=1e-9)
+
+
+def test_notches_turn_the_tip_by_their_sum():
+    """Forty of a fortieth part of a turn: places of all jumps are found, not only to a part of the length."""
+    notched = solve(straight(precurvature=lambda s: (20.0 * ((100 * s) % 1 < 0.05), 0, 0)))
+    assert np.arctan2(-notched.tip_rotation[1, 2], notched.tip_rotation[2, 2]) == pytest.approx(40 * 20 * 0.0005, abs=1e-9)
+
+
+def test_a_function_without_smooth_pieces_comes_to_an_end():
+    """Noise has no jumps to be found: it is resolved as far as pieces are halved."""
+    noise = profile.fit("f", lambda s: (np.sin(1e9 * s * s), 0.0, 0.0), 1.0)
+    assert len(noise.ends) <= 2**14
+
+
 @pytest.mark.parametrize("waves", [1, 8, 40, 160, 234, 377])
 def test_a_wave_of_a_function_is_resolved(waves):
     """Of any number of waves, also where all of some evenly spaced places would be at zeros: to a part in 1e9 of its height."""

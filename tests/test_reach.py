@@ -477,7 +477,8 @@ def test_six_legs_reach_poses_by_their_translations_alone(hexapod_start):
 
 
 def test_legs_are_never_unstable_whichever_way_they_are_found(hexapod_start):
-    """By the inverse problem as by reach, which find the same: these legs are near where they buckle, not all poses are had."""
+    """By the inverse problem as by reach, which finds the same, but for what the inverse problem finds from other legs: these are
+    near where they buckle, not all poses are had."""
     robot, here = hexapod_start
     random = np.random.default_rng(11)
     position = here.tip_position + random.uniform(-0.05, 0.05, (30, 3))
@@ -489,8 +490,8 @@ def test_legs_are_never_unstable_whichever_way_they_are_found(hexapod_start):
     found = mr.solve(inverse, inputs, solver=SOLVER)
     for solution in (reached, found):
         assert (solution.stability[~solution.failed] == mr.Stability.STABLE).all()
-    np.testing.assert_array_equal(reached.failed, found.failed)
-    both = ~found.failed
+    both = ~reached.failed
+    assert not found.failed[both].any()
     assert 20 < both.sum() < 30
     # 1e-6 1/m of a target on legs of 0.4 m, over the least singular value of their poses by translations, some 0.01
     np.testing.assert_allclose(inverse.translations(found)[both], reached.inputs.translation[both], atol=1e-5)
