@@ -10,7 +10,6 @@ from threading import Event
 from typing import Protocol, TypeVar
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from multirod.validation import FloatArray, Kind, positive_int
@@ -118,6 +117,8 @@ def parts(count: int, threads: int, rods: int, device: str) -> list[slice]:
 
     The more ``rods`` an instance has, the shorter they are.
     """
+    import warp as wp  # a rod needs none
+
     if not wp.get_device(device).is_cpu:
         return [slice(0, count)]
     longest, shortest = max(1, LONGEST_PART // rods), max(1, SHORTEST_PART // rods)
