@@ -112,6 +112,16 @@ def test_notches_turn_the_tip_by_their_sum():
     assert np.arctan2(-notched.tip_rotation[1, 2], notched.tip_rotation[2, 2]) == pytest.approx(40 * 20 * 0.0005, abs=1e-9)
 
 
+@pytest.mark.parametrize("width", [0.004, 0.0012, 0.0006])
+@pytest.mark.parametrize("start", [0.1, 0.1501, 0.2173, 0.3993])
+def test_the_places_of_jumps_are_found(start, width):
+    """To rounding: pieces between them have the height of the belt, or none, and its integral."""
+    found = profile.fit("f", lambda s: (float(start <= s < start + width), 0.0, 0.0), L)
+    heights = found.coefficients[:, 0, 0]
+    np.testing.assert_allclose(found.coefficients[:, 1:], 0.0, atol=1e-12)
+    assert np.diff(found.ends, prepend=0.0) @ heights == pytest.approx(min(width, L - start), rel=1e-9)
+
+
 def test_a_function_without_smooth_pieces_comes_to_an_end():
     """Noise has no jumps to be found: it is resolved as far as pieces are halved."""
     noise = profile.fit("f", lambda s: (np.sin(1e9 * s * s), 0.0, 0.0), 1.0)
