@@ -117,9 +117,7 @@ def parts(count: int, threads: int, rods: int, device: str) -> list[slice]:
 
     The more ``rods`` an instance has, the shorter they are.
     """
-    import warp as wp  # a rod needs none
-
-    if not wp.get_device(device).is_cpu:
+    if device != "cpu":  # as Warp names the one that there is
         return [slice(0, count)]
     longest, shortest = max(1, LONGEST_PART // rods), max(1, SHORTEST_PART // rods)
     if count < 2 * shortest:

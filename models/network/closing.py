@@ -170,7 +170,7 @@ class Closing:
         finally:
             self.problem.restore(records)
             for name, before in zip(BESIDE, values, strict=True):
-                self.problem.put_back(name, before)
+                self.problem.set_buffer(name, before)
             self.opening[:], self.soft[:], self.loading[:], self.shift[:] = own
 
 

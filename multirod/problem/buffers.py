@@ -185,7 +185,7 @@ class Buffers(Uncopied):
         chosen = np.arange(self.instance_count) if instances is None else instances
         listed = np.arange(self.instance_count, dtype=np.int32)
         listed[: len(chosen)] = chosen
-        self._set("order", listed)
+        self.set_buffer("order", listed)
         self.listed = len(chosen)
 
     @contextmanager
@@ -208,38 +208,34 @@ class Buffers(Uncopied):
     def at_load(self, factor: float | FloatArray) -> Iterator[None]:
         """Within it, ``load_factor`` is this, one number or one for each instance (instance_count,); then what it was."""
         before = np.array(self.buffer("load_factor"))
-        self._set("load_factor", factor)
+        self.set_buffer("load_factor", factor)
         try:
             yield
         finally:
-            self._set("load_factor", before)
+            self.set_buffer("load_factor", before)
 
     @contextmanager
     def only(self, chosen: NDArray[np.bool_]) -> Iterator[None]:
         """Within it, these instances, (instance_count,), are active, and launches pass over them alone; then as it was."""
         active = np.array(self.buffer("active"))
-        self._set("active", chosen)
+        self.set_buffer("active", chosen)
         try:
             with self.focused(None if chosen.all() else np.flatnonzero(chosen)):
                 yield
         finally:
-            self._set("active", active)
+            self.set_buffer("active", active)
 
     @contextmanager
     def everyone(self) -> Iterator[None]:
         """Within it, all instances are active; then as it was."""
-        active = self._views.get("active")
-        if active is None or self.listed < self.instance_count or not active.all():
-            with self.only(np.ones(self.instance_count, dtype=bool)):
-                yield
-            return
-        before = active.copy()  # so it is mostly, and a cold solve asks some twenty times
+        active = np.array(self.buffer("active"))
+        if not active.all():  # mostly they are, and a cold solve asks some twenty times
+            self.set_buffer("active", 1)
         try:
-            yield
+            with self.focused():
+                yield
         finally:
-            active[:] = before
-            if self.listed < self.instance_count:
-                self._pass_over(None)
+            self.set_buffer("active", active)
 
     def keep(self, part: "Buffers", instances: IntArray, rows: IntArray | None = None) -> None:
         """Take over the records of a part of the instances, of its ``rows`` (k,) or all."""
@@ -275,23 +271,15 @@ class Buffers(Uncopied):
         names = ("fault", "step_count", "residual_directions", "pose_columns", "active", "order", "load_factor")
         return {name: getattr(self, name).numpy() for name in names}
 
-    def _set(self, name: str, values: ArrayLike) -> None:
-        """Set ``active``, ``order`` or ``load_factor``, of all instances, from what broadcasts to (instance_count,)."""
+    def set_buffer(self, name: str, values: ArrayLike) -> None:
+        """Set what ``buffer`` gives, of all instances, from what broadcasts to it."""
         view = self._views.get(name)
         if view is not None:
             view[:] = values
             return
         target = getattr(self, name)
         kind = np.float64 if target.dtype == wp.float64 else np.int32
-        target.assign(np.ascontiguousarray(np.broadcast_to(np.asarray(values, dtype=kind), self.instance_count)))
-
-    def put_back(self, name: str, values: NDArray[Any]) -> None:
-        """Set what ``buffer`` gives to a copy of it, of all instances."""
-        view = self._views.get(name)
-        if view is None:
-            getattr(self, name).assign(values)
-        else:
-            view[:] = values
+        target.assign(np.ascontiguousarray(np.broadcast_to(np.asarray(values, dtype=kind), target.shape)))
 
     def write(self, name: str, values: FloatArray) -> None:
         """Set one field of the records from an array that broadcasts to (instance_count, size); of ``gamma`` that is what records

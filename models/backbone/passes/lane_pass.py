@@ -182,12 +182,12 @@ def deal(call: Struct, layout: Layout, integrator: Integrator, precision: str, d
     call.parts = parts_of(count, columns, lanes)
     call.part_columns = -(-columns // call.parts)
     call.chunk = call.parts * (CHUNK if lanes > 1 else 1)
-    call.lane = wp.zeros((threads(call, count) * lanes, LANE_SIZE), dtype=wp.float64, device=device)
-    call.carried = wp.zeros(threads(call, count) * lanes, dtype=Instance, device=device)
+    number, kind = threads(call, count), SCALARS[precision]
+    call.lane = wp.zeros((number * lanes, LANE_SIZE), dtype=wp.float64, device=device)
+    call.carried = wp.zeros(number * lanes, dtype=Instance, device=device)
     rows = layout.memory(len(integrator.tableau.b)).rows(call.part_columns)
-    kind, count = SCALARS[precision], threads(call, count)
     if lanes > 1 or wp.get_device(device).is_cpu:
-        return wp.zeros((count, lanes * rows), dtype=kind, device=device)
+        return wp.zeros((number, lanes * rows), dtype=kind, device=device)
     # threads side by side on a GPU read numbers that stand side by side
-    memory: Array = wp.zeros((rows, count), dtype=kind, device=device).transpose()
+    memory: Array = wp.zeros((rows, number), dtype=kind, device=device).transpose()
     return memory
