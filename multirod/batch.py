@@ -7,12 +7,12 @@ from contextlib import suppress
 from itertools import pairwise
 from math import prod
 from threading import Event
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.validation import FloatArray, Kind, positive_int
+from multirod.validation import FloatArray, Kind, positive_int, shown
 
 IntArray = NDArray[np.intp]
 Instances = IntArray | NDArray[np.bool_] | slice  # some of those along the first axis of an array
@@ -60,6 +60,36 @@ def along(batch: Batch[One_co]) -> Iterator[One_co]:
     if not batch.batch_shape:
         raise TypeError(f"{type(batch).__name__} has no leading axes to go along: it is of one instance")
     return (batch[k] for k in range(batch.batch_shape[0]))
+
+
+def chosen(batch: Batch[object], values: NDArray[Kind], index: object) -> NDArray[Kind]:
+    """``values``, whose leading axes are those of a batch, at an index of the batch.
+
+    Raises:
+        IndexError: If there are no such instances; it names the leading axes, and the attribute that a name stands for.
+    """
+    own: Any = values
+    try:
+        return np.asarray(own[index])
+    except IndexError as error:
+        kind, axes = type(batch).__name__, batch.batch_shape
+        if isinstance(index, str):
+            said = f"an index chooses instances; what it has is asked by name, .{index}"
+        elif not axes:
+            said = f"this {kind} is of one instance, without leading axes to choose from"
+        else:
+            said = f"its leading axes are {axes}; {error}"
+        raise IndexError(f"{kind}[{shown(index)}] is not allowed: {said}") from None
+
+
+class Undecided:
+    """What is neither true nor false: Python takes every object for true, so one that failed too."""
+
+    def __bool__(self) -> bool:
+        raise TypeError(
+            f"{type(self).__name__} is neither true nor false: ask its .failed, of each instance, or its .status; "
+            ".raise_if_failed() raises where there is no result"
+        )
 
 
 def broadcast_shapes(*shapes: tuple[int, ...]) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ from weakref import ref
 
 import numpy as np
 
-from multirod.batch import IntArray, along, broadcast_shapes, take
+from multirod.batch import IntArray, along, broadcast_shapes, chosen, take
 from multirod.naming import unknown_names
 from multirod.profile import Profile, fit
 from multirod.read_only import ReadOnly
@@ -315,10 +315,15 @@ class Inputs(ReadOnly):
         return along(self)
 
     def __getitem__(self, index: Index) -> "Inputs":
-        """The inputs of some instances: ``inputs[k]`` takes the k-th along the first batch axis."""
-        chosen: Any = index
-        arrays = {name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[chosen] for name, a in self._arrays.items()}
-        return self.with_arrays(arrays, np.shape(np.broadcast_to(0.0, self.batch_shape)[chosen]))
+        """The inputs of some instances: ``inputs[k]`` takes the k-th along the first batch axis.
+
+        Raises:
+            IndexError: If there are no such instances.
+        """
+        shape = chosen(self, np.broadcast_to(0.0, self.batch_shape), index).shape
+        own: Any = index
+        arrays = {name: np.broadcast_to(a, (*self.batch_shape, a.shape[-1]))[own] for name, a in self._arrays.items()}
+        return self.with_arrays(arrays, shape)
 
     def take(self, batch_shape: tuple[int, ...], instances: IntArray) -> "Inputs":
         """The inputs of some instances, a batch of one axis, solved by the terms that the whole batch needs.

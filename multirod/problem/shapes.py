@@ -1,12 +1,26 @@
 """Rods and lines on nodes along their arclength: what problems say, and results."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
 
-from multirod.validation import FloatArray, frozen
+from multirod.validation import FloatArray, frozen, shown
+
+
+class Unindexed:
+    """Arrays by name, which are indexed, not what has them."""
+
+    if not TYPE_CHECKING:  # which knows that there is none
+        __iter__ = None
+
+        def __getitem__(self, index: object) -> NoReturn:
+            said = f"what it has is asked by name, .{index}"
+            if not isinstance(index, str):
+                said = "index one of its arrays, such as .position, or the solution that it is of"
+            raise TypeError(f"{type(self).__name__}[{shown(index)}] is not allowed: {said}")
 
 
 @dataclass(frozen=True)
-class Shape:
+class Shape(Unindexed):
     """Rods of all instances on nodes along their arclength; axes (batch, node, ...) of one rod, read-only.
 
     Attributes:
@@ -47,7 +61,7 @@ def nodes_of_pieces(node_count: int, pieces: int) -> list[int]:
 
 
 @dataclass(frozen=True)
-class LineShape:
+class LineShape(Unindexed):
     """A line on nodes evenly spaced along its rod; read-only, NaN where the line is not.
 
     Attributes:

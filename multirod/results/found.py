@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Robot_co
-from multirod.batch import IntArray, take
+from multirod.batch import IntArray, Undecided, take
 from multirod.inputs import Inputs
 from multirod.read_only import ReadOnly
 from multirod.results.events import BranchEvent
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from multirod.studies.terms.simplify import Dropped
 
 
-class Found(ReadOnly, Generic[Robot_co]):
+class Found(Undecided, ReadOnly, Generic[Robot_co]):
     """What a solver left of each instance; NaN where that is no result.
 
     Args:

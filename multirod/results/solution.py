@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, Unpack
 import numpy as np
 
 from multirod.assembly import Robot_co
-from multirod.batch import Instances, along
+from multirod.batch import Instances, along, chosen
 from multirod.naming import names_checked
 from multirod.results import derivatives
 from multirod.results.remarks import Remarks
@@ -60,8 +60,9 @@ class Solution(Wrenches[Robot_co]):
     """Equilibria of all instances; every array has the batch's leading axes ``...`` and is read-only: change a copy of it.
 
     An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,
-    which say how it ended. Shapes, energy, stability and Jacobians are computed when they are first asked for: of a large batch,
-    ask for those of the instances of interest, ``solution[index].rod(0)``.
+    which say how it ended; a solution is neither true nor false, ``if solution:`` raises ``TypeError``. Shapes, energy, stability
+    and Jacobians are computed when they are first asked for: of a large batch, ask for those of the instances of interest,
+    ``solution[index].rod(0)``.
     """
 
     _remarks: Remarks | None = None  # of a task, for recordings
@@ -73,12 +74,11 @@ class Solution(Wrenches[Robot_co]):
         Raises:
             IndexError: If there are no such instances.
         """
-        numbers: Any = np.arange(len(self._records)).reshape(self.batch_shape)
-        rows = numbers[index]
+        rows = chosen(self, np.arange(len(self._records)).reshape(self.batch_shape), index)
         flat = rows.reshape(-1)
-        chosen = flat if self._instances is None else self._instances[flat]
+        instances = flat if self._instances is None else self._instances[flat]
         scene = replace(self._scene, batch_shape=rows.shape)
-        return Solution(scene, self._records[flat], self._outcome.take(flat), self._whole, chosen)
+        return Solution(scene, self._records[flat], self._outcome.take(flat), self._whole, instances)
 
     def __iter__(self) -> "Iterator[Solution[Robot_co]]":
         """Along the first of the leading axes.

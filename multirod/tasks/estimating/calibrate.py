@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, Robot, Robot_co
+from multirod.batch import Undecided
 from multirod.inputs import Inputs
 from multirod.naming import meant
 from multirod.results.solution import Solution, SolveError
@@ -58,7 +59,7 @@ class Fitted:
     load_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
 
-class Calibration(Generic[Robot_co]):
+class Calibration(Undecided, Generic[Robot_co]):
     """A robot fitted to measured shapes, and how sure its numbers are.
 
     ==============================================  ==============================================================================

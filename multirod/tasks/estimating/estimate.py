@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
-from multirod.batch import parts, run, thread_count
+from multirod.batch import Undecided, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
@@ -36,7 +36,7 @@ NOT_SHOWN = 1e-9  # of the largest of some numbers, what is not shown
 FORCES = ("tip_force", "follower_force")  # whose covariance can be drawn
 
 
-class Estimate(Generic[Robot_co]):
+class Estimate(Undecided, Generic[Robot_co]):
     """Inputs behind measurements: normal distributions to first order, one an instance; arrays have leading axes ``...``.
 
     What failed is NaN; ``status`` says why.
