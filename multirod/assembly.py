@@ -13,12 +13,14 @@ from multirod import plausibility
 from multirod.batch import IntArray, broadcast_shapes
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec
-from multirod.naming import unknown_names
+from multirod.naming import hinted, unknown_names
 from multirod.problem import BoundaryProblem
 from multirod.read_only import ReadOnly
 from multirod.rod import Rod
 from multirod.rotations import refuse_unturned
 from multirod.validation import Described, FloatArray, array, first_of, refuse
+
+INPUTS_NAMED = "inputs are named, robot.inputs(tip_force=(1, 0, 0)); print(robot.input_specs) lists them"
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar
@@ -160,6 +162,7 @@ class Assembly(ReadOnly, ABC):
         """Leading axes of the rods' parameters together."""
         return broadcast_shapes(*(rod.batch_shape for rod in self.rods))
 
+    @hinted(INPUTS_NAMED)
     def inputs(self, **values: object) -> Inputs:
         """Actuation and loads by name, all optional: numbers or arrays, whose leading axes ``...`` broadcast.
 
@@ -172,7 +175,7 @@ class Assembly(ReadOnly, ABC):
             The inputs, checked, as ``solve`` and ``simulate`` take them.
 
         Raises:
-            TypeError: If a name is not one of these, or no rod has such lines.
+            TypeError: If a name is not one of these, no rod has such lines, or what the robot needs is not given.
             ValueError: If a value is out of range, not finite or of a wrong shape, or the leading axes do not broadcast.
 
         Warns:
@@ -195,10 +198,21 @@ class Assembly(ReadOnly, ABC):
             plain = {name: value for name, value in values.items() if not callable(value)}
             reach = self._reach(Inputs(self.input_specs, self.rod_count, plain))
         result = Inputs(self.input_specs, self.rod_count, values, *reach)
+        self._refuse_left_out(result)
         self._check_axes(result)
         self.check(result)
         result.checked_by(self)
         return result
+
+    def beyond_limits(self, solution: "Solution", instance: int) -> str:
+        """What of an instance that is ``OUT_OF_LIMITS`` is beyond limits of the robot itself, as a message ends."""
+        return ""
+
+    def _refuse_left_out(self, inputs: Inputs) -> None:
+        for spec in self.input_specs:
+            if spec.required and spec.name not in inputs.given:
+                what = f"{spec.description} [{spec.unit}]"
+                raise TypeError(f"{spec.name} was not given: {type(self).__name__} needs it, {what}, inputs({spec.name}=...)")
 
     def accept(self, inputs: Inputs | None, field: str = "inputs") -> Inputs:
         """``inputs`` if they fit this assembly; None is all zero. An error calls them ``field``.
@@ -216,6 +230,7 @@ class Assembly(ReadOnly, ABC):
         unknown_names("the robot", inputs.given, (spec.name for spec in self.input_specs))
         inputs.refuse_others(field, type(self).__name__, self.input_specs, self.rod_count)
         self._check_axes(inputs)
+        self._refuse_left_out(inputs)
         inputs.refuse_missing()
         self.check(inputs)
         inputs.checked_by(self)

@@ -41,6 +41,7 @@ class InputSpec:
         unit: SI unit.
         function: Whether it may be a function of arclength.
         optional: Whether leaving it out differs from zero.
+        required: Whether it must be given, as zero is hardly meant.
         measured: A measurement: noise is part of it, and what comes next is not known. Its change is never extrapolated.
         dead_twin: For a load that follows the tip frame, the dead load that it equals to first order where it is zero.
         description: What it is, frame included.
@@ -53,6 +54,7 @@ class InputSpec:
     count: int | None = None
     function: bool = False
     optional: bool = False
+    required: bool = False
     measured: bool = False
     dead_twin: str = ""
     acts: Literal["base", "tip", "along", "lines", "joints", "sensor"] = "base"

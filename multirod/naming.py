@@ -21,7 +21,7 @@ _OTHER_NAMES: dict[str, tuple[str, ...]] = {
         ("magnetic_field",): "field b magnetic",
         ("young_modulus",): "e modulus youngs_modulus elastic_modulus",
         ("poisson_ratio",): "nu poisson poissons_ratio",
-        ("bending_stiffness",): "ei eix eiy flexural_rigidity",
+        ("bending_stiffness",): "ei eix eiy flexural_rigidity stiffness",
         ("torsional_stiffness",): "gj torsional_rigidity",
         ("axial_stiffness",): "ea",
         ("shear_stiffness",): "ga",
@@ -33,6 +33,11 @@ _OTHER_NAMES: dict[str, tuple[str, ...]] = {
         ("lines",): "tendons tendon cables chambers",
         ("magnetisation",): "magnetization magnetic_moment remanence",
         ("foundation",): "medium tissue",
+        ("revolute",): "hinge hinged pin pinned rotary",
+        ("spherical",): "ball ball-and-socket ball_and_socket socket",
+        ("clamped",): "fixed rigid welded weld",
+        ("universal",): "cardan hooke gimbal",
+        ("prismatic",): "slider sliding linear",
     }.items()
     for other in others.split()
 }  # what names are called elsewhere

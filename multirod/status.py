@@ -130,10 +130,10 @@ _MESSAGES = {
     "buckle, or give a guess, such as one of equilibria()",
     Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it; lead it there from where it is "
     "stable (simulate), or give another guess; of an inverse problem, ask for another pose",
-    Status.OUT_OF_LIMITS: "the shape at the start of reach(), or at a controller's last command, is beyond its limits, or its "
-    "stability margin is limited and not known; or, of inverse(), the translations that lead to this pose are "
-    "beyond the limits that it was given, or leave nothing of a leg in use: ask for another pose, give wider "
-    "limits, or begin elsewhere",
+    Status.OUT_OF_LIMITS: "of inverse(): the translations that lead to this pose are beyond its limits=, or leave nothing of a "
+    "leg in use; ask for another platform_position or platform_rotation, or give wider limits. Of reach(), where it starts, or "
+    "a Controller's last command: the shape is beyond the curvature or the stability_margin of its Limits(), or that margin is "
+    "not known, as of loads without a potential; begin elsewhere, or give others",
     Status.LINE_LIMIT: "a line is where its law ends, pulled or bent to less than a tenth of its rod's length at some place; or, "
     "with discs, so tight that lines together buckle the rod between two; or, with members of other packages, what the rod "
     "carries has no strains: lower tensions, displacements or loads, or move discs closer (docs/lines.md)",

@@ -216,17 +216,18 @@ def frozen(values: NDArray[Kind]) -> NDArray[Kind]:
     return view
 
 
-def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool = True) -> FloatArray:
+def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool = True, wanted: str = "") -> FloatArray:
     """``value`` as a float array whose last axes have the shape ``tail``; leading axes are batch axes.
 
-    It is a copy that cannot be written to: neither changes what ``value`` is made of, nor is changed by it.
+    It is a copy that cannot be written to: neither changes what ``value`` is made of, nor is changed by it. ``wanted`` is what
+    errors call it.
     """
     if type(value) is np.ndarray and value.dtype is DOUBLE and (not tail or value.shape[-len(tail) :] == tail):
         copied: FloatArray = value.copy()  # most are so
         if not finite or (np.abs(copied) <= LARGEST).all():
             copied.flags.writeable = False
             return copied
-    wanted = "a number" if not tail else f"shape (..., {', '.join(str(size) for size in tail)})"
+    wanted = wanted or ("a number" if not tail else f"shape (..., {', '.join(str(size) for size in tail)})")
     if _hides(value):
         refuse(field, value, f"must be numeric, {wanted}, without booleans and masks")
     try:

@@ -78,6 +78,13 @@ GROUPS: dict[str, list[Mistake]] = {
         Mistake("length in inches", "tube(length=15.7)", WARNING, "in inches, give 0.39", "metres"),
         Mistake("length in km, or a slip of the exponent", "tube(length=4e-5)", WARNING, "is less than 0.1 mm", "metres"),
         Mistake(
+            "a number of a rod's sections asked of the rod",
+            "wire().bending_stiffness",
+            AttributeError,
+            "its sections have, rod.sections[0].bending_stiffness",
+            "rod.sections[0].bending_stiffness",
+        ),
+        Mistake(
             "everything in mm, N and N/mm^2",
             "tube(length=400, outer_diameter=3, inner_diameter=2, young_modulus=60e3, shear_modulus=23e3)",
             WARNING,
@@ -428,6 +435,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "a kind of joint misspelt", "legs(joints='sperical')", ValueError, "did you mean 'spherical'", "one of those listed"
         ),
         Mistake(
+            "a joint under another name",
+            "mr.Joint('arm', 'base', to=mr.ground, kind='hinge', axis=(1, 0, 0))",
+            ValueError,
+            "did you mean 'revolute'",
+            "kind='revolute'",
+        ),
+        Mistake(
             "the joint at the tip of a leg forgotten",
             "mr.Network(rods=dict.fromkeys('abc', wire()), bodies=[plate := mr.Body('plate')], joints="
             "[mr.Joint(k, 'base', to=mr.ground) for k in 'abc'] + [mr.Joint(k, 'tip', to=plate) for k in 'ab'])",
@@ -565,6 +579,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "where a force acts in mm", "legs().inputs(force_point=(50, 0, 0))", WARNING, "if it is in mm, give 0.05", "metres"
         ),
         Mistake(
+            "an inverse problem without a pose",
+            "legs().inverse().inputs()",
+            TypeError,
+            "platform_position was not given",
+            "inputs(platform_position=...)",
+        ),
+        Mistake(
             "the angle of a platform in degrees",
             "legs().inverse().inputs(platform_position=(0, 0, 0.4), platform_rotation=(0, 0, 15))",
             WARNING,
@@ -657,6 +678,37 @@ GROUPS: dict[str, list[Mistake]] = {
             ValueError,
             "must be numbers in their order, shape (..., 1): by name they are given to a Network",
             "numbers in the order of the lines",
+        ),
+        Mistake(
+            "inputs without names", "robot.inputs((1, 0, 0))", TypeError, "inputs are named", "robot.inputs(tip_force=(1, 0, 0))"
+        ),
+        Mistake(
+            "a guess by a word",
+            "mr.solve(robot, guess='last')",
+            ValueError,
+            "must be numeric, a Solution or its unknowns",
+            "guess=solution",
+        ),
+        Mistake(
+            "a guess of another robot",
+            "mr.solve(tubes, guess=mr.solve(robot, robot.inputs(tip_force=(1, 0, 0))))",
+            ValueError,
+            "a Solution of SingleRod that has 3 unknowns is not allowed: must be of this robot",
+            "a solution of the robot",
+        ),
+        Mistake(
+            "names of a Jacobian in a tuple",
+            "mr.solve(robot, robot.inputs()).jacobian(('rotation', 'tip_force'))",
+            TypeError,
+            "give the names one after another",
+            "jacobian('rotation', 'tip_force')",
+        ),
+        Mistake(
+            "a place along a rod by a word",
+            "mr.solve(robot, robot.inputs()).along('tip')",
+            ValueError,
+            "an arclength along the rod [m]",
+            "tip_position, or along(0.4)",
         ),
         Mistake(
             "inputs as a dictionary",

@@ -23,6 +23,12 @@ def batch(robot):
     return mr.solve(robot, robot.inputs(tip_force=[(0.1, 0, 0), (0.2, 0, 0)]))
 
 
+@pytest.fixture(scope="module")
+def make_tube():
+    stuff = {"young_modulus": 60e9, "shear_modulus": 23e9, "precurvature": (0, 5, 0)}
+    return lambda length, outer: mr.Rod.tube(length=length, outer_diameter=outer, inner_diameter=outer - 1e-3, **stuff)
+
+
 def refused(kind, *said):
     return pytest.raises(kind, match=".*".join(map(re.escape, said)))
 
@@ -74,3 +80,65 @@ def test_shapes_are_not_indexed_their_arrays_are(batch):
         shape["position"]
     with pytest.raises(TypeError, match="not iterable"):
         iter(shape)
+
+
+def test_inputs_are_named(robot):
+    hint = "inputs are named, robot.inputs(tip_force=(1, 0, 0)); print(robot.input_specs) lists them"
+    with refused(TypeError, "inputs() takes 1 positional argument but 2 were given: ", hint):
+        robot.inputs((1, 0, 0))
+    with refused(TypeError, "inputs() takes no 'force'", "did you mean 'tip_force'?"):
+        robot.inputs(force=(1, 0, 0))
+
+
+def test_what_guesses_may_be(robot, one, make_tube):
+    with refused(ValueError, "guess = 'last' is not allowed: must be numeric, a Solution or its unknowns, shape (..., 3)"):
+        mr.solve(robot, one.inputs, guess="last")
+    tubes = mr.ConcentricTubes([make_tube(0.4, 3e-3), make_tube(0.2, 5e-3)])
+    given = "guess = a Solution of SingleRod that has 3 unknowns is not allowed: must be of this robot, which has 1 here"
+    with refused(ValueError, given):
+        mr.solve(tubes, guess=one)
+
+
+def test_places_along_a_rod_are_told(one):
+    with refused(ValueError, "at = 'tip' is not allowed: must be numeric, an arclength along the rod [m], or several, rising"):
+        one.along("tip")
+
+
+def test_names_of_derivatives_come_one_after_another(one):
+    for given in (("tip_force", "tip_moment"), ["tip_force", "tip_moment"]):
+        with refused(TypeError, f"takes no {given!r}: give the names one after another, 'tip_force', 'tip_moment'"):
+            one.jacobian(given)
+
+
+def test_numbers_of_a_rod_are_its_sections(make_tube):
+    tube = make_tube(0.4, 3e-3)
+    for name in ("bending_stiffness", "precurvature", "linear_density", "foundation"):
+        assert np.shape(getattr(tube.sections[0], name)) is not None
+        with refused(AttributeError, f"Rod has no {name!r}: its sections have, rod.sections[0].{name}"):
+            getattr(tube, name)
+    for name, instead in (("young_modulus", "bending_stiffness"), ("density", "linear_density")):
+        with refused(AttributeError, f"Rod has no {name!r}: it keeps what follows from it, such as rod.sections[0].{instead}"):
+            getattr(tube, name)
+    for name, meant in (("EI", "bending_stiffness"), ("stiffness", "bending_stiffness"), ("diameter", "outer_diameter")):
+        with refused(AttributeError, f"Rod has no {name!r}; did you mean {meant!r}?"):
+            getattr(tube, name)
+    assert not hasattr(tube, "colour")
+
+
+@pytest.mark.parametrize(
+    ("other", "meant"),
+    [("hinge", "revolute"), ("ball", "spherical"), ("fixed", "clamped"), ("cardan", "universal"), ("slider", "prismatic")],
+)
+def test_joints_under_other_names(other, meant):
+    with refused(ValueError, f"Joint.kind = {other!r} is not allowed", f"did you mean {meant!r}?"):
+        mr.Joint("arm", "base", to=mr.ground, kind=other)
+
+
+def test_a_pull_has_no_critical_load_and_a_push_to_the_side_is_not_said_to_be_one(robot):
+    said = "no change of stability before that: .*; the loads only stiffen the robot there, as a pull does, so there may be no"
+    with pytest.raises(mr.SolveError, match=said):
+        mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, 20)))
+    with pytest.raises(mr.SolveError) as told:
+        mr.critical_loads(robot, robot.inputs(tip_force=(0.05, 0, -5)), max_steps=8)
+    assert "no change of stability" in str(told.value)
+    assert "stiffen" not in str(told.value)

@@ -212,6 +212,19 @@ def test_between_nodes_a_rod_is_what_its_equations_say(bent):
     np.testing.assert_allclose(bent.along(0.4), bent.tip_position, rtol=0, atol=1e-12)
 
 
+def test_along_a_rod_begins_at_its_base(bent):
+    """As ``rod(0)`` does: by 1e-12 of the length, times what the shape changes by along it."""
+    shape, places = bent.rod(0), np.array([0.0, 0.0777])
+    for of, change in (("position", 1.0), ("rotation", 30.0), ("curvature", 1e3)):
+        found, base = bent.along(places, of=of), getattr(shape, of)[0]
+        np.testing.assert_allclose(found[0], base, rtol=0, atol=1e-12 * 0.4 * change + 1e-14 * np.abs(base).max())
+        np.testing.assert_allclose(found[1], bent.along(0.0777, of=of), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(bent.along(0, of=of), found[0], rtol=0, atol=1e-12)
+    slopes = bent.jacobian("rotation", of="rotation", at=shape.arclength[:2])
+    np.testing.assert_allclose(slopes[0].ravel(), (0, 0, 1), rtol=0, atol=1e-10)  # the base turns as it is turned
+    np.testing.assert_array_equal(bent.jacobian("tip_force", of="position", at=0.0).round(11), np.zeros((3, 3)))
+
+
 def test_of_a_batch_places_are_those_of_each(bent):
     """Also of a tube inside others; NaN where there is no result."""
     robot = mr.ConcentricTubes(sections_of(TUBES))
@@ -437,11 +450,11 @@ def test_a_moved_base_carries_the_robot_and_leaves_the_loads(bent, make_pose):
         (lambda s: s.jacobian("precurvatur"), "did you mean 'precurvature'"),
         (lambda s: s.jacobian("platform"), "jacobian.name. takes no 'platform'"),
         (lambda s: s.jacobian("rotation", of="curvature"), "at = None is not allowed: must be an arclength"),
-        (lambda s: s.jacobian("rotation", of="curvature", at=0.5), "must be > 0 and <= 0.4 m"),
+        (lambda s: s.jacobian("rotation", of="curvature", at=0.5), "must be >= 0 and <= 0.4 m"),
         (lambda s: s.jacobian("rotation", of="position", at=(0.2, 0.1)), "must be one arclength or several, rising"),
         (lambda s: s.jacobian("rotation", at=0.1), "must not be given of pose"),
-        (lambda s: s.along(0.5), "must be > 0 and <= 0.4 m"),
-        (lambda s: s.along(0.0), "must be > 0 and <= 0.4 m"),
+        (lambda s: s.along(0.5), "must be >= 0 and <= 0.4 m"),
+        (lambda s: s.along(-0.1), "must be >= 0 and <= 0.4 m"),
         (lambda s: s.along((0.2, 0.1)), "must be one arclength or several, rising"),
         (lambda s: s.along(0.1, of="pose"), "of = 'pose'"),
         (lambda s: s.along(0.1, rod=1), "rod = 1"),

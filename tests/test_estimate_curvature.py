@@ -121,7 +121,7 @@ def test_columns_of_tubes_by_differences():
         ({"sigma": 0}, "Curvature.sigma = 0 .*> 0"),
         ({"sigma": (1, 2, 3)}, "Curvature.sigma.*must be one number, or 2"),
         ({"rod": 1}, "Curvature.rod = 1"),
-        ({"at": (0.2, 0.5)}, "at = .*must be > 0 and <= 0.4 m"),
+        ({"at": (0.2, 0.5)}, "at = .*must be >= 0 and <= 0.4 m"),
     ],
 )
 def test_bad_curvatures(wire, options, message):

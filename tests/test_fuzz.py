@@ -279,7 +279,8 @@ def constructors() -> Iterator[Target]:
         ("inverse", LEGS.inverse()),
         ("HeldRod", HELD),
     ):
-        yield Target(f"{label}.inputs", robot.inputs, {}, *(spec.name for spec in robot.input_specs))
+        needed = {spec.name: (0, 0, 0.3) for spec in robot.input_specs if spec.required}
+        yield Target(f"{label}.inputs", robot.inputs, needed, *(spec.name for spec in robot.input_specs))
 
 
 def fuzzed(target: Target, name: str) -> list[str]:

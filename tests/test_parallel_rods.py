@@ -284,7 +284,7 @@ def test_along_legs_of_the_inverse_problem():
         np.testing.assert_allclose(given, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
     # it is as long as the translation that is found makes it
     assert found.jacobian("tip_force", of="position", at=0.42, rod=2).shape == (3, 3)
-    with pytest.raises(ValueError, match=r"must be > 0 and <= 0.42 m"):
+    with pytest.raises(ValueError, match=r"must be >= 0 and <= 0.42 m"):
         found.jacobian("tip_force", of="position", at=0.421, rod=2)
 
 
@@ -417,6 +417,33 @@ def test_translations_are_those_of_the_instances_at_hand():
         inverse.translations(mr.solve(robot))
 
 
+def test_the_inverse_problem_needs_a_position():
+    inverse, said = hexapod().inverse(), r"^platform_position was not given: InverseParallelRods needs it, of the platform's"
+    for call in (
+        inverse.inputs,
+        lambda: inverse.inputs(platform_rotation=(0, 0, 0.1)),
+        lambda: mr.solve(inverse),
+        lambda: mr.solve(inverse, inverse.robot.inputs(tip_force=(0, 0, 1))),  # of the robot itself
+        lambda: mr.Tracker(inverse, dt=0.01),
+    ):
+        with pytest.raises(TypeError, match=said):
+            call()
+
+
+def test_a_pose_that_leaves_a_leg_no_length_is_refused():
+    """Legs that stand straight up lead to a platform on the ground: how stiff they are there was a ``LinAlgError``."""
+    leg = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015)
+    poses = hexapod().base
+    inverse = mr.ParallelRods(legs=[leg] * 6, base=poses, platform=poses).inverse()
+    for given in ((0, 0, 0), [(0, 0, 0.3), (0, 0, 0)]):
+        with pytest.raises(
+            ValueError, match=r"^platform_position = \[0.0, 0.0, 0.0\] is not allowed: leg 0 would end where it begins"
+        ):
+            inverse.inputs(platform_position=given)
+    turned = inverse.inputs(platform_position=(0, 0, 0), platform_rotation=(0, 0, 0.1))
+    assert turned.given == ("platform_position", "platform_rotation")
+
+
 def test_the_inverse_problem_keeps_to_limits():
     robot = hexapod()
     centre = mr.solve(robot).tip_position
@@ -433,6 +460,12 @@ def test_the_inverse_problem_keeps_to_limits():
         found = mr.solve(inverse, inputs, guess=guess)
         assert (found.status == np.where(within, mr.Status.CONVERGED, mr.Status.OUT_OF_LIMITS)).all()
         assert (np.isfinite(inverse.translations(found)).all(axis=1) == within).all()
+        low, high = inverse.limits
+        for k in (0, 3):
+            leg = int(np.maximum(low - lengths[k], lengths[k] - high).argmax())
+            said = f"the translation of leg {leg} would be {lengths[k, leg]:.4g} m, allowed are -0.01 to {high[leg]:.4g}: "
+            with pytest.raises(mr.SolveError, match=f"OUT_OF_LIMITS .*, {said}of inverse"):
+                found[k].raise_if_failed()
     assert inverse.with_rods(inverse.rods).limits.tolist() == inverse.limits.tolist()
     assert "limits=[[-0.01" in repr(inverse)
     assert repr(robot) == f"ParallelRods(legs=[{robot.legs[0]!r}] * 6)"

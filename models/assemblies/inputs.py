@@ -8,10 +8,11 @@ like these.
 from collections.abc import Callable, Mapping
 from inspect import Parameter, Signature, cleandoc
 from re import sub
-from typing import Any, Literal, TypeAlias, TypedDict, TypeVar, dataclass_transform
+from typing import Any, Literal, TypeAlias, TypedDict, TypeVar, cast, dataclass_transform
 
-from multirod.assembly import Assembly
+from multirod.assembly import INPUTS_NAMED, Assembly
 from multirod.inputs import InputSpec
+from multirod.naming import hinted
 from multirod.types import AlongRod, Numbers
 
 ByName: TypeAlias = Numbers | Mapping[str, Numbers]
@@ -266,10 +267,9 @@ def listed(*specs: InputSpec) -> Callable[[Method], Method]:
         lines = "\n".join(f"    {spec.name}: {_described(spec)}" for spec in specs)
         method.__doc__ = sub(r"    \*\*values: .*", lines, cleandoc(method.__doc__ or Assembly.inputs.__doc__ or ""), count=1)
         values = [Parameter(spec.name, Parameter.KEYWORD_ONLY, default=_default(spec)) for spec in specs]
-        method.__signature__ = Signature(  # type: ignore[attr-defined]
-            [Parameter("self", Parameter.POSITIONAL_OR_KEYWORD), *values], return_annotation="Inputs"
-        )
-        return method
+        named: Any = hinted(INPUTS_NAMED)(method)
+        named.__signature__ = Signature([Parameter("self", Parameter.POSITIONAL_OR_KEYWORD), *values], return_annotation="Inputs")
+        return cast(Method, named)
 
     return show
 
@@ -281,4 +281,6 @@ def _described(spec: InputSpec) -> str:
 
 
 def _default(spec: InputSpec) -> object:
-    return None if spec.optional else 0 if spec.per_rod or spec.acts == "lines" else (0, 0, 0)
+    return (
+        Parameter.empty if spec.required else None if spec.optional else 0 if spec.per_rod or spec.acts == "lines" else (0, 0, 0)
+    )

@@ -19,15 +19,18 @@ from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.platform.problem import ParallelProblem
 from multirod.reuse import reusable
 from multirod.rod import Rod
+from multirod.rotations import matrices
 from multirod.validation import Described, FloatArray, array, instance, refuse
 
 if TYPE_CHECKING:
     from multirod.results.solution import Solution
 
 POSE_INPUTS = (
-    InputSpec(name="platform_position", unit="m", description="of the platform's origin, world frame"),
+    InputSpec(name="platform_position", unit="m", description="of the platform's origin, world frame", required=True),
     InputSpec(name="platform_rotation", unit="rad", description="rotation vector of the platform, world frame"),
 )
+
+ROUNDED = 1e-9  # of the longest rod, what is no length of a leg
 
 
 class InverseParallelRods(Assembly):
@@ -89,6 +92,13 @@ class InverseParallelRods(Assembly):
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         self.robot.check(inputs)
+        position, turn = inputs.platform_position[..., None, :], matrices(inputs.platform_rotation)[..., None, :, :]
+        base, platform = self.geometry.base, self.geometry.platform[..., :3, 3:]
+        apart = np.linalg.norm(position + (turn @ platform)[..., 0] - base[..., :3, 3], axis=-1)
+        if (none := apart <= ROUNDED * self.longest).any():
+            *where, leg = np.argwhere(none)[0].tolist()
+            given = np.broadcast_to(position[..., 0, :], (*none.shape[:-1], 3))[tuple(where)].tolist()
+            refuse("platform_position", given, f"leg {leg} would end where it begins, nothing of it in use")
 
     def input_directions(self, *names: str) -> dict[str, Any]:  # noqa: D102
         return self.robot.input_directions(*names)
@@ -115,9 +125,22 @@ class InverseParallelRods(Assembly):
         robot = solution.assembly
         if not isinstance(robot, InverseParallelRods):
             raise TypeError(f"translations() takes a solution of an inverse problem; this is one of {type(robot).__name__}")
-        lengths = robot.geometry.scales()[0].reshape(*robot.geometry.batch_shape, -1)[..., :-1]
-        length = solution._parameter(lengths, 1)  # of the instances at hand: a solution may hold some of a batch of robots
-        return np.asarray(solution.inputs.translation + length**2 * solution.unknowns[..., -6:])
+        return np.asarray(solution.inputs.translation + robot._lengths(solution) ** 2 * solution.unknowns[..., -6:])
+
+    def _lengths(self, solution: "Solution") -> FloatArray:
+        lengths = self.geometry.scales()[0].reshape(*self.geometry.batch_shape, -1)[..., :-1]
+        return solution._parameter(lengths, 1)  # of the instances at hand: a solution may hold some of a batch of robots
+
+    def beyond_limits(self, solution: "Solution", instance: int) -> str:  # noqa: D102
+        length = np.broadcast_to(self._lengths(solution), (*solution.batch_shape, 6)).reshape(-1, 6)[instance]
+        x = solution._records[instance, solution._scene.fields["unknowns"]][-6:]
+        found = solution._each(solution.inputs.translation)[instance] + length**2 * x
+        low, high = np.maximum(self.limits[0], -length), self.limits[1]
+        beyond = np.maximum(low - found, found - high)
+        k = int(beyond.argmax())
+        if not beyond[k] >= 0:
+            return ""
+        return f", the translation of leg {k} would be {found[k]:.4g} m, allowed are {low[k]:.4g} to {high[k]:.4g}"
 
     def translations_of(self, solution: "Solution") -> FloatArray:  # noqa: D102
         return self.translations(solution)

@@ -86,6 +86,8 @@ def known_names(assembly: "Assembly", names: Sequence[object], call: str) -> lis
     for name in names:
         if not isinstance(name, str) or name not in allowed:
             hint = meant(name, allowed) if isinstance(name, str) else ""
+            if isinstance(name, (list, tuple)) and all(isinstance(own, str) for own in name):
+                raise TypeError(f"{call} takes no {shown(name)}: give the names one after another, {', '.join(map(repr, name))}")
             raise TypeError(f"{call} takes no {shown(name)}: it takes " + ", ".join(allowed) + hint)
         known.append(name)
     return known
@@ -166,7 +168,7 @@ def places_of(solution: "Solution[Any]", at: Numbers | None, rod: int) -> FloatA
     """Checked arclengths along a rod (count,): where a section ends, those just before it."""
     if at is None:
         refuse("at", at, "must be an arclength along the rod [m], or several, rising")
-    places = np.atleast_1d(array("at", at))
+    places = np.atleast_1d(array("at", at, wanted="an arclength along the rod [m], or several, rising"))
     if places.ndim != 1 or not places.size or (np.diff(places) <= 0).any():
         refuse("at", at, "must be one arclength or several, rising")
     sections = [[solution._parameter(section.length, 0) for section in own.sections] for own in solution.assembly.rods]
@@ -177,10 +179,10 @@ def places_on(sections: Sequence[Sequence[FloatArray]], translation: FloatArray,
     """Rising arclengths along a rod (count,), which must be on it: where a section ends, those just before it; of each rod the
     lengths of its sections (...), of the instances that all rods are pushed out in by ``translation`` (..., rod)."""
     end = sum(sections[rod], translation[..., rod])
-    if places[0] <= 0 or (places[-1] > end * (1 + SINGULAR)).any():
-        refuse("at", places.tolist(), f"must be > 0 and <= {float(np.min(end, initial=np.inf)):g} m, where the rod ends")
+    if places[0] < 0 or (places[-1] > end * (1 + SINGULAR)).any():
+        refuse("at", places.tolist(), f"must be >= 0 and <= {float(np.min(end, initial=np.inf)):g} m, where the rod ends")
     gap = 1e-12 * float(np.max(end, initial=0.0))
-    result = places.copy()
+    result = np.maximum(places, gap)  # a step ends there, so it is not at the base itself
     for k, lengths in enumerate(sections):
         shape = np.broadcast_shapes(translation.shape[:-1], *(length.shape for length in lengths))
         ends = np.cumsum([np.broadcast_to(length, shape) for length in lengths], axis=0)

@@ -115,7 +115,8 @@ class Solution(Wrenches[Robot_co]):
                 what stays as it is meanwhile, and of which robots).
             of: ``"pose"`` of the end effector, ``"line_length"`` or ``"tension"`` of lines; or, at places along a rod,
                 ``"position"``, ``"rotation"`` or ``"curvature"``.
-            at: Of the last three, arclengths from the base [m], one or several, rising, as ``rod(k).arclength``.
+            at: Of the last three, arclengths from the base [m], one or several, rising, as ``rod(k).arclength``, which begins
+                with 0.
             rod: Of them too, index or name of the rod; the first by default.
 
         Returns:
@@ -149,7 +150,8 @@ class Solution(Wrenches[Robot_co]):
         By an integration that ends a step at each place: as exact as the solve, where ``rod(k)`` has nodes and nothing between.
 
         Args:
-            at: Arclengths from the base [m], one or several, rising, as ``rod(k).arclength``; where a section ends, just before.
+            at: Arclengths from the base [m], one or several, rising, as ``rod(k).arclength``; where a section ends, just before,
+                and at the base, 0, just behind: by 1e-12 of the length.
             of: ``"position"`` in the world [m], ``"rotation"`` of the rod's own frame, body to world, or ``"curvature"`` in that
                 frame [1/m].
             rod: Index or name of the rod.
@@ -332,10 +334,11 @@ class Solution(Wrenches[Robot_co]):
                 where = f"{failed.sum()} of {failed.size} instances failed ({self._counts(failed)}); the first is {first}: "
             reached = self._outcome.reached
             moves = self._loose(first) if status is Status.LOOSE else ""
+            beyond = self.assembly.beyond_limits(self, first) if status is Status.OUT_OF_LIMITS else ""
             part = "" if reached is None else f", {reached.reshape(-1)[first]:.1%} of the load reached"
             raise SolveError(
                 f"{where}{status.name} after {self._outcome.iterations.reshape(-1)[first]} iterations, "
-                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}: {status.message}{moves}"
+                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}{beyond}: {status.message}{moves}"
             )
         return self
 

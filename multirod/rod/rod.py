@@ -10,7 +10,7 @@ from multirod import plausibility
 from multirod.naming import hinted
 from multirod.read_only import ReadOnly
 from multirod.rod.cross_section import diameters, shear_modulus_of, stretching, within
-from multirod.rod.section import Section, by_section
+from multirod.rod.section import OfSections, Section, by_section
 from multirod.types import Numbers, Precurvature
 from multirod.validation import (
     LARGEST,
@@ -36,7 +36,7 @@ _NAMED = "all is named, Rod(length=, bending_stiffness=, torsional_stiffness=, p
 _OF_MATERIAL = "all is named, such as length=, outer_diameter= of a tube, diameter= of a wire, young_modulus=, precurvature="
 
 
-class Rod(ReadOnly):
+class Rod(OfSections, ReadOnly):
     """One elastic rod or tube: its length, stiffnesses and shape at rest; ``Rod.tube`` makes one from diameters and moduli.
 
     Give one set of stiffnesses with a ``length``, or ``sections``, along which frames are continuous. Material frame: z along the

@@ -327,7 +327,8 @@ def unknowns_of_guess(guess: object, problem: BoundaryProblem, count: int, piece
     """A guess of the problem's unknowns, (instance_count, n), from a solution or an array of all ``count`` instances."""
     if guess is None:
         return None
-    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess, finite=False)
+    wanted = f"a Solution or its unknowns, shape (..., {problem.unknown_count})"
+    values = guess.unknowns if isinstance(guess, Solution) else array("guess", guess, finite=False, wanted=wanted)
     if not (isinstance(guess, Solution) or (known := np.isfinite(values)).all()):
         refuse("guess", first_of(~known, values, guess), "must be finite")
     if not values.size and count:
@@ -339,7 +340,14 @@ def unknowns_of_guess(guess: object, problem: BoundaryProblem, count: int, piece
     if len(flat) not in (1, count):
         refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {count} instances")
     rows = flat if len(flat) == 1 else flat[piece]
-    return np.array(problem.adopt(np.broadcast_to(rows, (problem.instance_count, rows.shape[1]))))
+    try:
+        return np.array(problem.adopt(np.broadcast_to(rows, (problem.instance_count, rows.shape[1]))))
+    except ValueError:
+        if not isinstance(guess, Solution):
+            raise
+        kind, size = type(guess.assembly).__name__, rows.shape[1]
+        given = f"a {type(guess).__name__} of {kind} that has {size} unknowns{' an instance' * bool(guess.batch_shape)}"
+        refuse("guess", Described(given), f"must be of this robot, which has {problem.unknown_count} here")
 
 
 def even_times(time: object) -> tuple[FloatArray, float]:

@@ -1,6 +1,6 @@
 """Where an equilibrium loses stability as loads are raised."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 from warnings import warn
@@ -21,10 +21,11 @@ from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
+from multirod.validation import LARGEST, Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
 
 GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
 
+ROUNDED = 1e-6  # of an eigenvalue, what does not tell whether it falls
 PRECISE, STEPS = 4e-11, 150  # residual over the length of the longest rod: 1e-10 1/m of 0.4 m; steps
 
 
@@ -196,6 +197,7 @@ def _changes(
     found: list[Change] = []
     undecided: list[tuple[float, float]] = []
     reached = 0.0
+    passed = [first]
     try:
         for step in branch.steps(first, max_steps):
             changes = step.changes[: count - len(found)]
@@ -206,6 +208,7 @@ def _changes(
                     undecided.append((min(loads), max(loads)))
             found += [change for change in changes if branch.factor(change.point) <= up_to]
             reached = max(reached, *(branch.factor(change.point) for change in changes), branch.factor(end))
+            passed.append(step.after)
             if end is not step.after or reached > up_to:
                 return found, tuple(undecided), min(reached, up_to)
     except Spent:
@@ -213,8 +216,18 @@ def _changes(
     except BranchLost as lost:
         seen = f"{len(found)} changes of stability" if found else "no change of stability"
         hint = f"; {seen} before that: give up_to={0.99 * reached:.3g} for a result" if reached else ""
+        if not found and _stiffens(branch, passed):
+            hint += "; the loads only stiffen the robot there, as a pull does, so there may be no critical load at all"
         raise SolveError(f"{lost}{hint}") from None
     raise AssertionError("steps() ends by an error")
+
+
+def _stiffens(branch: Branch, passed: Sequence[Point]) -> bool:
+    """Whether no mode became softer on the last half of the way to the last of the points that were passed."""
+    last = branch.factor(passed[-1])
+    upper = [point for point in passed if branch.factor(point) >= 0.5 * last and point.modes.known[0]]
+    values = [np.minimum(point.modes.values[0], LARGEST) for point in upper]  # infinite where there are fewer
+    return len(values) > 2 and bool((np.diff(values, axis=0) >= -ROUNDED * np.abs(values[:-1])).all())
 
 
 def _critical(
