@@ -274,6 +274,20 @@ GROUPS: dict[str, list[Mistake]] = {
             "must be 3 finite numbers",
             "three numbers at each s",
         ),
+        Mistake(
+            "a function of arclength in mm",
+            "robot.inputs(distributed_force=lambda s: (0.5 if 200 < s < 300 else 0, 0, 0))",
+            WARNING,
+            "distributed_force(s) is zero all along, from s = 0 to 0.4 m, but not at s = ",
+            "lambda s: ... 0.2 < s < 0.3 ...",
+        ),
+        Mistake(
+            "a tendon that may push",
+            "mr.Limits(tension=(-5, 5))",
+            ValueError,
+            "tendons do not push; give (0, 5.0)",
+            "tension=(0, 5)",
+        ),
         Mistake("sections as pairs", "mr.Rod(sections=[(0.3, 0.02)])", ValueError, "list of Section", "mr.Section(...)"),
         Mistake(
             "spacing of discs in mm",

@@ -4,6 +4,7 @@ import copy
 import math
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,6 +74,34 @@ def test_poissons_ratio_takes_the_place_of_the_shear_modulus() -> None:
         mr.Rod.wire(**WIRE, poisson_ratio=-0.3)
     with pytest.raises(ValueError, match=r"^Rod\.shear_modulus = None is not allowed: must be a number, or give poisson_ratio"):
         mr.Rod.wire(**WIRE)
+
+
+def only_on_the_rod(s: float) -> tuple[float, float, float]:
+    if s > 0.5:
+        raise ValueError("beyond the data")
+    return (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda s: (0, 0, 0),
+        lambda s: (1.0 if s > 0.5 else 0, 0, 0),  # of a longer rod, or one that is pushed out
+        lambda s: (1.0 if 1 < s < 3.9 else 0, 0, 0),
+        lambda s: (math.nan if s > 1 else 0, 0, 0),
+        only_on_the_rod,
+    ],
+    ids=["nothing", "behind the tip", "not ten times as far", "undefined", "refused"],
+)
+def test_a_function_that_is_zero_may_be_meant(thick: mr.SingleRod, function: Any) -> None:
+    thick.inputs(distributed_force=function)
+    mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.1, precurvature=function)
+
+
+def test_a_function_in_mm_is_none_in_metres() -> None:
+    said = r"^Rod.precurvature\(s\) is zero all along, from s = 0 to 0.4 m, but not at s = 202; is it a function of s in mm\?$"
+    with pytest.warns(mr.PlausibilityWarning, match=said):
+        mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.1, precurvature=lambda s: (14 * (s > 200), 0, 0))
 
 
 @pytest.mark.parametrize("value", [0, -1e-3, math.nan, "1e-3", None, True])

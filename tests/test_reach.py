@@ -538,11 +538,14 @@ def test_what_is_refused(start, changes, error, message):
         ({"rotation": 1.0}, "Limits.rotation = 1.0 .* a pair"),
         ({"rotation": (1, 0)}, "low <= high"),
         ({"rotation": (np.nan, 0)}, "each a number"),
+        ({"tension": (-5, 5)}, r"Limits.tension = \(-5, 5\) .* low must be >= 0: tendons do not push; give \(0, 5.0\)"),
+        ({"tension": ([0, -1], [3, 4])}, r"tendons do not push; give \(0, \[3.0, 4.0\]\)"),
     ],
 )
 def test_limits_that_are_refused(given, message):
     with pytest.raises(ValueError, match="(?s)" + message):
         mr.Limits(**given)
+    assert mr.Limits(tension=(-np.inf, 5), pressure=(-1e4, 1e5), displacement=(-0.01, 0.01)).inputs["tension"][1] == 5
 
 
 def pulled_wire(angles, **stretch):

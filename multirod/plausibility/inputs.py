@@ -7,6 +7,7 @@ import numpy as np
 
 from multirod.batch import broadcast_shapes
 from multirod.plausibility.limits import DEGREES, FIELD, GRAVITY, LOAD, MATRIX, PRESSURE, PUSHED, REACH, WINDING, largest
+from multirod.plausibility.rods import of_nothing
 from multirod.plausibility.warning import say
 from multirod.rotations import is_rotation
 from multirod.validation import FloatArray
@@ -24,6 +25,8 @@ def of_inputs(robot: "Assembly", inputs: "Inputs") -> None:
         values = _values(inputs, name)
         most = largest(values)
         if not most:
+            if (profile := inputs.profile(name)) is not None:
+                of_nothing(name, profile)
             continue
         if spec.unit == "rad" and not spec.per_rod:
             _of_matrix(name, values)

@@ -1,6 +1,7 @@
 """Of rods: what they are made of, and what they carry."""
 
 import math
+import warnings
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -51,6 +52,12 @@ class Material(NamedTuple):
     shear_given: bool = True
 
 
+NEAR = 10  # times the length, up to where a load may be meant for a longer rod
+BEYOND = np.append(
+    np.linspace(1, NEAR, 91), np.linspace(NEAR, 1000, 199)[1:]
+)  # where functions that are zero on it are looked at
+
+
 def of_rod(rod: "Rod", material: Material | None) -> None:
     """Warn of what a rod is made of: of what was given first, of what follows from that only where all that is plausible."""
     length = float(np.max(rod.length))
@@ -60,9 +67,36 @@ def of_rod(rod: "Rod", material: Material | None) -> None:
     odd = odd or _of_diameter(rod, length)
     if not odd:
         _of_stiffness(rod, material)
+    for section in rod.sections:
+        if isinstance(section.precurvature, Profile):
+            of_nothing("Rod.precurvature", section.precurvature)
     _of_precurvature(rod, length)
     _of_mass(rod, material)
     _of_lines(rod, length)
+
+
+def of_nothing(field: str, profile: Profile) -> None:
+    """Warn of a function that is zero up to ten times the length of a rod, but not farther: of arclengths in mm, most likely.
+
+    What is not zero sooner may be meant for a longer rod, or for one that is pushed out.
+    """
+    if profile.coefficients.any():
+        return
+    end = float(profile.ends[-1])
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of where nobody asked
+            for s in (end * BEYOND).tolist():
+                value = np.asarray(profile.function(s), dtype=np.float64)
+                if np.isfinite(value).all() and value.any():
+                    break
+            else:
+                return
+    except Exception:  # noqa: BLE001  (it need not be defined there)
+        return
+    if s <= NEAR * end:
+        return
+    say(f"{field}(s) is zero all along, from s = 0 to {end:.6g} m, but not at s = {s:.6g}; is it a function of s in mm?")
 
 
 def _of_material(material: Material) -> bool:

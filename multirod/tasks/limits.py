@@ -43,10 +43,12 @@ class Limits(ReadOnly):
         stability_margin: Least ``Solution.stability_margin``. Where that is not known, as of loads without a potential, nothing
             is within it: ``OUT_OF_LIMITS``.
         **inputs: Pairs ``(low, high)`` by the name of an input, each a number or one for each rod or line, such as
-            ``translation=([-0.2, -0.1], [0, 0])`` of two tubes; ``inf`` is no limit.
+            ``translation=([-0.2, -0.1], [0, 0])`` of two tubes; ``inf`` is no limit. Of ``tension`` none is below 0: what can
+            push is driven by ``displacement`` or ``pressure``.
 
     Raises:
-        ValueError: If a pair is none, or empty, or one for each that leaves none of them any range, or a number is out of range.
+        ValueError: If a pair is none, or empty, or one for each that leaves none of them any range, or a number is out of range,
+            such as a negative tension.
 
     Warns:
         PlausibilityWarning: Of lengths of more than 10 m, as in mm.
@@ -110,6 +112,9 @@ def _pair(name: str, value: object) -> tuple[FloatArray, FloatArray]:
     listed = isinstance(value, list) and all(isinstance(end, tuple) for end in value)  # as pairs are
     if low.size > 1 and high.size > 1 and ((low == high).all() or (listed and (low == high).any())):
         refuse(field, value, f"must be (low, high), all lows first; as it is, low = high{_by_end(pair)}")
+    if name == "tension" and ((low < 0) & np.isfinite(low)).any():
+        allowed = f"low must be >= 0: tendons do not push; give (0, {high.tolist()}), or drive push rods by displacement"
+        refuse(field, value, allowed)
     plausibility.of_limits(field, name, np.concatenate([low.ravel(), high.ravel()]))
     return low, high
 
