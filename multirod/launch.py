@@ -3,6 +3,7 @@
 import ctypes
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 from threading import RLock
 from typing import Any, Protocol, cast
@@ -11,6 +12,7 @@ import warp as wp
 
 from multirod.collecting import without_collections
 from multirod.kernels.compiling import COMPILER, block_dim, start_warp
+from multirod.kernels.index import INDEX, Function, Maker, bounds, kind_of, packed
 
 LONGEST = 1024  # integrations of a rod in one launch: some hundredths of a second at most at a hundred steps each
 ON_GPU = 65_536  # the same there, where it is what the largest run at once
@@ -32,22 +34,27 @@ class Launch(Protocol):
         """Another argument from now on."""
 
 
-def record(make: Callable[[], wp.Kernel], dim: int, arguments: Sequence[object], device: str) -> Launch:
+def record(maker: Maker, dim: int, arguments: Sequence[object], device: str) -> Launch:
     """A launch to be repeated by ``.launch()``, which releases the interpreter lock.
 
     A kernel that Warp's cache lacks is compiled in the background: the launch waits for it when it is first used, so that what is
-    recorded before is compiled at the same time.
+    recorded before is compiled at the same time. One that an earlier process compiled is not made again, where that can be told.
 
     Args:
-        make: Makes the kernel, or returns it: called by one thread at a time.
+        maker: The kernel, or what makes it, called by one thread at a time: best a function of the package, or a ``partial`` of
+            one, by which what it made is found again.
         dim: Number of threads of the kernel.
         arguments: Of the kernel; arrays must live as long as the launch.
         device: Warp device.
     """
-    kernel, future = _requested(make, device)
+    key, function = _found(maker, device)
+    if function is not None:
+        with suppress(AttributeError, TypeError):  # Warp may say what is wrong
+            return Direct(function, dim, arguments)
+    kernel, future = _requested(maker, device)
     if future is None:
-        return _record(kernel, dim, arguments, device)
-    return cast(Launch, Pending(future, kernel, dim, arguments, device))  # which has what the launch has
+        return _record(kernel, key, dim, arguments, device)
+    return cast(Launch, Pending(future, kernel, key, dim, arguments, device))  # which has what the launch has
 
 
 def longest(device: str) -> int:
@@ -55,79 +62,93 @@ def longest(device: str) -> int:
     return LONGEST if wp.get_device(device).is_cpu else ON_GPU
 
 
-def expect(make: Callable[[], wp.Kernel], device: str) -> None:
+def expect(maker: Maker, device: str) -> None:
     """Have a kernel compiled in the background that is sure to be recorded later, as ``record`` does.
 
     Args:
-        make: Makes the kernel, or returns it: called by one thread at a time.
+        maker: The kernel, or what makes it, called by one thread at a time.
         device: Warp device.
     """
-    _requested(make, device)
+    if _found(maker, device)[1] is None:
+        _requested(maker, device)
 
 
-def _requested(make: Callable[[], wp.Kernel], device: str) -> "tuple[wp.Kernel, Future[None] | None]":
+def _found(maker: Maker, device: str) -> tuple[str | None, Function | None]:
+    """By what key a kernel is kept, and the kernel, if it is."""
+    start_warp()
+    if not wp.get_device(device).is_cpu:
+        return None, None
+    with _MAKING:
+        key, function = INDEX.find(maker)
+    if function is not None:
+        COMPILER.kernels.add(function.module)
+    return key, function
+
+
+def _requested(maker: Maker, device: str) -> "tuple[wp.Kernel, Future[None] | None]":
     start_warp()
     with without_collections():
         with _MAKING:
-            kernel = make()
+            kernel = maker if isinstance(maker, wp.Kernel) else maker()
         return kernel, COMPILER.request(kernel.module, wp.get_device(device))
 
 
-def _record(kernel: wp.Kernel, dim: int, arguments: Sequence[object], device: str) -> Launch:
+def _record(kernel: wp.Kernel, key: str | None, dim: int, arguments: Sequence[object], device: str) -> Launch:
     with _MAKING:
         threads = block_dim(wp.get_device(device))
         recorded: Any = wp.launch(kernel, dim=dim, inputs=list(arguments), device=device, block_dim=threads, record_cmd=True)
-    try:
-        return Direct(recorded) if recorded.device.is_cpu else cast(Launch, recorded)
-    except (AttributeError, TypeError):  # another version of Warp, whose own launches do as well
-        return cast(Launch, recorded)
+        try:
+            if not recorded.device.is_cpu or kernel.adj.kernel_dim != 1:
+                return cast(Launch, recorded)
+            kinds = [kind_of(value) or type(own).__name__ for value, own in zip(arguments, recorded.params[1:], strict=True)]
+            function = Function(kernel.module.name, recorded.hooks.forward, tuple(kinds), recorded.module_exec)
+            direct = Direct(function, dim, arguments)
+            if key is not None:
+                INDEX.keep(key, recorded, function)
+            return direct
+        except (AttributeError, TypeError):  # another version of Warp, or of arguments: its own launches do as well
+            return cast(Launch, recorded)
 
 
 class Direct:
-    """A recorded launch on the CPU whose arguments stand ready as the kernel reads them.
+    """A launch on the CPU whose arguments stand ready as the kernel reads them.
 
     Warp's own puts them together anew at each launch, which takes as long as a rod's integration of ten steps.
 
     Args:
-        recorded: What Warp recorded.
+        function: Of the kernel.
+        dim: Number of threads of the kernel.
+        arguments: Of the kernel.
 
     Attributes:
         launch: Launches; the same function whatever is set.
+
+    Raises:
+        TypeError: If an argument is of another kind than the function's.
     """
 
-    def __init__(self, recorded: Any) -> None:  # noqa: ANN401  (what Warp keeps in it has no types)
-        self._recorded = recorded
-        labels = [argument.label for argument in recorded.kernel.adj.args]
-        values = recorded.params[1:]
-        kind = type("Arguments", (ctypes.Structure,), {"_fields_": list(zip(labels, map(type, values), strict=True))})
-        self._arguments, self._bounds = kind(), type(recorded.params[0]).from_buffer_copy(recorded.params[0])
-        self._labels = labels
-        self._take_over()
-        self.launch: Callable[[], None] = partial(
-            recorded.hooks.forward, ctypes.byref(self._bounds), ctypes.byref(self._arguments)
-        )
+    def __init__(self, function: Function, dim: int, arguments: Sequence[object]) -> None:
+        self._function, self._given = function, list(arguments)  # what they point to must live
+        values = [packed(kind, value) for kind, value in zip(function.kinds, arguments, strict=True)]
+        self._names = [f"argument_{i}" for i in range(len(values))]
+        kind = type("Arguments", (ctypes.Structure,), {"_fields_": list(zip(self._names, map(type, values), strict=True))})
+        self._arguments, self._bounds = kind(*values), bounds(dim)
+        self.launch: Callable[[], None] = partial(function.call, ctypes.byref(self._bounds), ctypes.byref(self._arguments))
 
     @property
     def address(self) -> tuple[int, int, int]:
         """Of its function, and of what stands ready for it: bounds and arguments, which stay where they are."""
-        function = ctypes.cast(self._recorded.hooks.forward, ctypes.c_void_p).value or 0
+        function = ctypes.cast(self._function.call, ctypes.c_void_p).value or 0
         return function, ctypes.addressof(self._bounds), ctypes.addressof(self._arguments)
-
-    def _take_over(self) -> None:
-        bounds, *values = self._recorded.params
-        ctypes.memmove(ctypes.byref(self._bounds), ctypes.byref(bounds), ctypes.sizeof(self._bounds))
-        for label, value in zip(self._labels, values, strict=True):
-            setattr(self._arguments, label, value)
 
     def set_param_at_index(self, index: int, value: object) -> None:
         """Another argument from now on."""
-        self._recorded.set_param_at_index(index, value)
-        self._take_over()
+        setattr(self._arguments, self._names[index], packed(self._function.kinds[index], value))
+        self._given[index] = value
 
     def set_dim(self, dim: int) -> None:
         """Another number of threads from now on."""
-        self._recorded.set_dim(dim)
-        self._take_over()
+        ctypes.memmove(ctypes.byref(self._bounds), ctypes.byref(bounds(dim)), ctypes.sizeof(self._bounds))
 
 
 def ready(launch: Launch) -> tuple[int, int, int] | None:
@@ -143,14 +164,17 @@ class Pending:
     Args:
         future: Of the kernel.
         kernel: To be launched.
+        key: By which it is kept.
         dim: Number of threads of the kernel.
         arguments: Of the kernel, as they will be when the launch is first used.
         device: Warp device.
     """
 
-    def __init__(self, future: "Future[None]", kernel: wp.Kernel, dim: int, arguments: Sequence[object], device: str) -> None:
+    def __init__(
+        self, future: "Future[None]", kernel: wp.Kernel, key: str | None, dim: int, arguments: Sequence[object], device: str
+    ) -> None:
         self.device = wp.get_device(device)
-        self._future, self._of = future, (kernel, dim, arguments, device)
+        self._future, self._of = future, (kernel, key, dim, arguments, device)
         self._recorded: Launch | None = None
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401  (the launch's own)

@@ -1,6 +1,7 @@
 """Energy descent: a trust region on the potential energy, one integration a sample, through folds and snaps."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,7 @@ class EnergyDescentTrack(SampledTrack):
         state.radius = options.radius
         state.fold_threshold = wp.array(options.fold_threshold * pairs.natural(), dtype=wp.float64, device=device)
         self._damped = np.zeros(count, dtype=bool)
-        self._launch = record(lambda: make_descent(options.feed_forward), count, [state], device)
+        self._launch = record(partial(make_descent, options.feed_forward), count, [state], device)
         self._bind(problem, state, options.feed_forward, first)
 
     def _update(self) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -242,7 +243,7 @@ class ObserverTrack(SampledTrack):
             setattr(state, name, wp.array(np.ascontiguousarray(value), dtype=wp.float64, device=device))
         state.dt, state.horizon = dt, options.horizon
         variant = (options.riccati, options.update == "exact", options.scaling, options.feed_forward, options.correct_output)
-        return record(lambda: make_observer(tuple(sorted(set(sizes))), *variant, alone), count, [state], device)
+        return record(partial(make_observer, tuple(sorted(set(sizes))), *variant, alone), count, [state], device)
 
     def _update(self) -> None:
         if self._large is None:

@@ -140,7 +140,7 @@ class HeldProblem(BoundaryProblem):
         """Launches of one evaluation, in order."""
 
         def recorded(kernel: wp.Kernel) -> Launch:
-            return record(lambda: kernel, self.instance_count, (self.table,), self.device)
+            return record(kernel, self.instance_count, (self.table,), self.device)
 
         return recorded(hand_over), self.rod.launch, recorded(hold)
 

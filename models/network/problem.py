@@ -141,7 +141,7 @@ class NetworkProblem(BoundaryProblem):
         """Launches of one evaluation, in order: the first, three of each build, and the last."""
 
         def recorded(kernel: wp.Kernel, dim: int, *arguments: object) -> Launch:
-            return record(lambda: kernel, dim, arguments, self.device)
+            return record(kernel, dim, arguments, self.device)
 
         launches: list[Any] = [recorded(kernels.stand, self.instance_count, self.networks)]
         for group in self.groups:

@@ -133,7 +133,7 @@ class ParallelProblem(BoundaryProblem):
         """Launches of one evaluation, in order."""
 
         def recorded(kernel: wp.Kernel, dim: int, *arguments: object) -> Launch:
-            return record(lambda: kernel, dim, arguments, self.device)
+            return record(kernel, dim, arguments, self.device)
 
         launches: list[Any] = []
         for group in self.groups:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -88,14 +89,10 @@ class Paths:
         self._loop: tuple[Struct, Struct | None, tuple[Launch, ...]] | None = None  # what is called, and launches that repeat it
         self._passed: tuple[Any, ...] | None = None  # options of these launches
         self._first_values: Any = None
-        self._shape = newton.shape
         # compiled while the problem's own kernels are
         self._on_cpu = wp.get_device(device).is_cpu
+        self._make = partial(make_path, *newton.shape, repeats=self._on_cpu)
         expect(self._make, device)
-
-    def _make(self) -> wp.Kernel:
-        kernel: wp.Kernel = make_path(*self._shape, repeats=self._on_cpu)
-        return kernel
 
     @classmethod
     def of(cls, problem: BoundaryProblem, newton: Newton, max_steps: int) -> "Paths":

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -157,9 +157,9 @@ class Newton:
         """Have what ``run`` launches compiled in the background, while something else is done first."""
         expect(self._make, self.problem.device)
 
-    def _make(self) -> wp.Kernel:
-        kernel: wp.Kernel = make_newton(*self.shape, repeats=self._on_cpu)
-        return kernel
+    @property
+    def _make(self) -> Callable[[], wp.Kernel]:
+        return partial(make_newton, *self.shape, repeats=self._on_cpu)
 
     @cached_property
     def _launch(self) -> Launch:

@@ -220,7 +220,7 @@ class _Launch:
 
     def __init__(self, kernel: wp.Kernel, room: Room, *arguments: object) -> None:
         self._count = room.instances
-        self._launch = record(lambda: kernel, room.instances, arguments, room.device)
+        self._launch = record(kernel, room.instances, arguments, room.device)
 
     def of(self, count: int) -> None:
         """Launch for the first instances."""

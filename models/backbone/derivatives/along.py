@@ -120,7 +120,7 @@ class AlongPass:
         """What finds ``curvature``: its launch, the array it writes, on the CPU as NumPy sees it in place."""
         found, layout, device = self._call.node_columns, self.layout.column, self.problem.device
         bent: Any = wp.zeros((found.shape[0], found.shape[1] - 1, 3, found.shape[3]), dtype=wp.float64, device=device)
-        launch = record(lambda: curvatures, len(bent), [found, layout["frame"], layout.size, _angle(layout, rod), bent], device)
+        launch = record(curvatures, len(bent), [found, layout["frame"], layout.size, _angle(layout, rod), bent], device)
         return launch, bent, bent.numpy() if wp.get_device(device).is_cpu else None
 
     def poses(self, rod: int) -> "PosesAlong":
@@ -143,7 +143,7 @@ class AlongPass:
         )
         given = [found, layout["frame"], layout["position"], _angle(layout, rod), self.problem.table.base_rotation]
         seen = [each.numpy() for each in told] if wp.get_device(device).is_cpu else []
-        return record(lambda: poses, count, [*given, *told], device), told, seen
+        return record(poses, count, [*given, *told], device), told, seen
 
 
 def _angle(layout: Any, rod: int) -> int:  # noqa: ANN401  (of a layout)

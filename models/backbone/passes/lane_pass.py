@@ -1,7 +1,7 @@
 """Recorded launches of the kernels in lanes: how instances and their columns are dealt out to lanes, and threads to portions."""
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import warp as wp
@@ -109,7 +109,7 @@ class LanePass:
 
         self._threads = threads(call, portion)
         self._launch = record(
-            lambda: make_kernel(features, integrator.tableau, precision, lanes), self._threads, launch_arguments, device
+            partial(make_kernel, features, integrator.tableau, precision, lanes), self._threads, launch_arguments, device
         )
         self._order, self._portion = call.problem.order, portion
         self.listed = count

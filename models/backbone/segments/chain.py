@@ -1,6 +1,7 @@
 """Segments of all backbones of a problem, end to end: the next one of each is integrated from where the one before it ends."""
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,7 +69,7 @@ class Chain:
         segment.columns = wp.zeros((count, d + 3, d + loads), dtype=wp.float64, device=device)
         self._segment, tableau = segment, problem.integrator.tableau
         self._launch = record(
-            lambda: make_segment_kernel(self.features, tableau, lanes),
+            partial(make_segment_kernel, self.features, tableau, lanes),
             threads(self.call, count),
             [problem.buffers.twisting_table(), self.call, memory, segment],
             device,

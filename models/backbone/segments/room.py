@@ -1,5 +1,6 @@
 """Launches of the segment kernels, and their arrays."""
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -69,7 +70,7 @@ class Room:
             setattr(self._seg, name, array)
 
         self._launch = record(
-            lambda: make_segment_kernel(features, problem.integrator.tableau, lanes),
+            partial(make_segment_kernel, features, problem.integrator.tableau, lanes),
             threads(call, capacity),
             [table, call, memory, self._seg],
             device,

@@ -74,7 +74,7 @@ class BackboneConjugates(Conjugates):
         pairs.bending, pairs.torsion = array(last[:, :, :2].max(axis=2)), array(stiffness[:, :, 2])
         pairs.unit, pairs.columns = self.unit, self.columns
         self._fixed = bool(pairs.fixed)
-        self._launch = record(lambda: find_displacements, count, [pairs], device)
+        self._launch = record(find_displacements, count, [pairs], device)
 
     def _row(self, place: slice) -> int:
         """Where residuals begin among those that are forces; -1 where there are none."""

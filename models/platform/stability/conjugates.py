@@ -68,9 +68,9 @@ class PlatformConjugates(Conjugates):
             pairs.torsion = wp.array(np.ascontiguousarray(last), dtype=wp.float64, device=device)
             pairs.unit, pairs.columns = self.unit, self.columns
             arguments: list[Any] = [problem.robots, group.table, pairs]
-            self._launches.append(record(lambda: find_leg_displacements, own_rods.instance_count, arguments, device))
+            self._launches.append(record(find_leg_displacements, own_rods.instance_count, arguments, device))
         arguments = [problem.robots, self.columns]
-        self._launches.append(record(lambda: find_platform_displacements, count, arguments, device))
+        self._launches.append(record(find_platform_displacements, count, arguments, device))
 
     def update(self) -> None:  # noqa: D102
         for launch in self._launches:

@@ -140,7 +140,7 @@ class BeamEquilibrium:
 
     def __init__(self, count: int, legs: int) -> None:
         self._beams, self._poses = (Shared(shape, wp.float64, "cpu") for shape in ((count, legs, BEAM_SIZE), (count, POSE_SIZE)))
-        self._launch = record(lambda: settle_beams, count, [self._beams.array, self._poses.array], "cpu")
+        self._launch = record(settle_beams, count, [self._beams.array, self._poses.array], "cpu")
 
     def found(
         self, legs: Legs, at: Attachments, position: FloatArray, rotation: FloatArray

@@ -1,0 +1,187 @@
+"""Where compiled kernels lie, by what they are made of: a process that finds one here calls it without making it.
+
+Warp finds a kernel in its cache by a hash of all that it calls, so that each process makes all of it again to find the hash: that
+takes about as long as all else before a first solve. What a kernel of this package is made of is known without: the texts of the
+package, Warp, its settings, and the arguments of the function that makes it. Where any of it differs, or cannot be told, the
+kernel is made as ever. Only the processor's kernels stand here.
+"""
+
+import ctypes
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
+from functools import cache, partial
+from hashlib import sha256
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import warp as wp
+
+PACKAGE = __name__.partition(".")[0]
+
+Maker = wp.Kernel | Callable[[], wp.Kernel]  # a kernel, or what makes it
+
+
+class Function(NamedTuple):
+    """A compiled kernel, as it is called: with the addresses of its bounds and of its arguments.
+
+    Attributes:
+        module: Of Warp's that it is compiled in.
+        call: The function.
+        kinds: Of its arguments, as ``kind_of`` tells them.
+        owner: What it is unloaded with; None is never.
+    """
+
+    module: str
+    call: Any
+    kinds: tuple[str, ...]
+    owner: object
+
+
+class Untold(Exception):
+    """Raised where it cannot be told what a kernel is made of."""
+
+
+def made_of(maker: Maker) -> str:
+    """What makes a kernel, in words that are the same in each process.
+
+    Raises:
+        Untold: Where code is in it that is not of this package, or that stands within a function.
+    """
+    if isinstance(maker, wp.Kernel):
+        return _place(maker.func)
+    if isinstance(maker, partial):
+        return f"{_place(maker.func)}{_told(maker.args)}{_told(tuple(sorted(maker.keywords.items())))}"
+    return f"{_place(maker)}()"
+
+
+def _told(value: object) -> str:
+    if value is None or type(value) in (bool, int, float, str):
+        return repr(value)
+    if type(value) is tuple:
+        return f"({', '.join(map(_told, value))})"
+    if isinstance(value, type):
+        return _place(value)
+    if is_dataclass(value):
+        return f"{_place(type(value))}{_told(tuple((field.name, getattr(value, field.name)) for field in fields(value)))}"
+    raise Untold(value)
+
+
+def _place(named: Any) -> str:  # noqa: ANN401  (a function or a class)
+    module, name = getattr(named, "__module__", None) or "", getattr(named, "__qualname__", "<locals>")
+    if not module.startswith(f"{PACKAGE}.") or "<locals>" in name:
+        raise Untold(named)
+    return f"{module}:{name}"
+
+
+@cache
+def _texts() -> str:
+    """Hash of the texts of this package."""
+    found, places = sha256(), set[str]()
+    for name in (PACKAGE, f"{PACKAGE}.models", f"{PACKAGE}.solvers"):
+        spec = find_spec(name)
+        places.update(spec.submodule_search_locations or () if spec else ())
+    for place in sorted(places):
+        for file in sorted(Path(place).rglob("*.py")):
+            text = file.read_bytes()
+            found.update(f"{file.relative_to(place)} {len(text)} ".encode() + text)
+    return found.hexdigest()
+
+
+def _settings() -> str:
+    """Warp, its settings, and the processor."""
+    plain = {name: value for name, value in sorted(vars(wp.config).items()) if type(value) in (bool, int, float, str)}
+    return f"{wp.get_cpu_kernel_cache_key()} {wp.__version__} {plain}"
+
+
+def kind_of(value: object) -> str | None:
+    """What an argument of a launch is, as far as its room in memory goes; None of one whose kind only Warp knows."""
+    if isinstance(value, wp.array):
+        return f"array of {value.ndim}, {wp.types.type_size_in_bytes(value.dtype)}"
+    cls = getattr(value, "_cls", None)
+    return f"{cls.key} of {ctypes.sizeof(cls.ctype)}" if cls is not None else None
+
+
+def packed(kind: str, value: Any) -> Any:  # noqa: ANN401  (what Warp makes of it)
+    """An argument as the kernel reads it.
+
+    Raises:
+        TypeError: If it is not of this kind.
+    """
+    own = kind_of(value)
+    if own is None and kind.startswith("c_") and isinstance(value, int | float):
+        return getattr(ctypes, kind)(value)
+    if own != kind:
+        raise TypeError(f"an argument of a kernel is {own or value!r}, and must be {kind}")
+    return value.__ctype__()
+
+
+def bounds(dim: int) -> Any:  # noqa: ANN401  (Warp's own)
+    """Of a launch of so many threads, as a kernel reads them."""
+    return wp._src.types.launch_bounds_t(dim)
+
+
+class Index:
+    """The kernels that are known by what they are made of: in this process, and in files beside what Warp compiled."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, Function] = {}
+
+    def find(self, maker: Maker) -> tuple[str | None, Function | None]:
+        """The key of a kernel, and it; None where there is none."""
+        if not wp.config.cache_kernels:
+            return None, None
+        try:
+            made = made_of(maker)
+        except Untold:
+            return None, None
+        key = sha256(f"{_texts()} {_settings()} {made}".encode()).hexdigest()
+        if key not in self._known:
+            with suppress(OSError, ValueError, KeyError, TypeError, AttributeError, ctypes.ArgumentError):
+                self._known[key] = self._load(json.loads(_file(key).read_text()))
+        return key, self._known.get(key)
+
+    def _load(self, entry: dict[str, Any]) -> Function:
+        binary = Path(str(wp.config.kernel_cache_dir)) / entry["binary"]
+        if binary.stat().st_size != entry["size"]:
+            raise ValueError("another was compiled there")
+        llvm, handle = _llvm(), f"{PACKAGE}_{entry['symbol']}"
+        if llvm.wp_load_obj(str(binary).encode(), handle.encode(), wp.config.legacy_cpu_linker):
+            raise OSError("it cannot be loaded")
+        call = ctypes.CFUNCTYPE(None)(llvm.wp_lookup(handle.encode(), entry["symbol"].encode()))
+        if not call:
+            raise ValueError("it is not there")
+        return Function(entry["module"], call, tuple(entry["kinds"]), None)
+
+    def keep(self, key: str, recorded: Any, function: Function) -> None:  # noqa: ANN401  (Warp's has no types)
+        """Keep what was made and loaded; where that is not possible, the next process makes it again."""
+        self._known[key] = function
+        with suppress(OSError, ValueError, AttributeError):
+            binary = Path(recorded.module_exec.binary_path)
+            entry = {
+                "module": function.module,
+                "binary": str(binary.relative_to(str(wp.config.kernel_cache_dir))),
+                "size": binary.stat().st_size,
+                "symbol": f"{recorded.module_exec.get_kernel_mangled_name(recorded.kernel)}_cpu_forward",
+                "kinds": function.kinds,
+            }
+            file = _file(key)
+            file.parent.mkdir(exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=file.parent, delete=False) as half:
+                json.dump(entry, half)
+            os.replace(half.name, file)
+
+
+def _file(key: str) -> Path:
+    return Path(str(wp.config.kernel_cache_dir)) / f"{PACKAGE}_index" / f"{key}.json"
+
+
+def _llvm() -> Any:  # noqa: ANN401  (Warp's compiler, which has no public way to load what it compiled)
+    return wp._src.context.runtime.llvm
+
+
+INDEX = Index()
