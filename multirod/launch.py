@@ -11,8 +11,8 @@ from typing import Any, Protocol, cast
 import warp as wp
 
 from multirod.collecting import without_collections
-from multirod.kernels.compiling import COMPILER, block_dim, start_warp
-from multirod.kernels.index import INDEX, Function, Maker, bounds, kind_of, packed
+from multirod.kernels.compiling import COMPILER, block_dim, kept, start_warp
+from multirod.kernels.index import INDEX, Function, Maker, bounds, kinds_of, packed
 
 LONGEST = 1024  # integrations of a rod in one launch: some hundredths of a second at most at a hundred steps each
 ON_GPU = 65_536  # the same there, where it is what the largest run at once
@@ -51,7 +51,7 @@ def record(maker: Maker, dim: int, arguments: Sequence[object], device: str) -> 
     if function is not None:
         with suppress(AttributeError, TypeError):  # Warp may say what is wrong
             return Direct(function, dim, arguments)
-    kernel, future = _requested(maker, device)
+    kernel, future = _requested(maker, key, device)
     if future is None:
         return _record(kernel, key, dim, arguments, device)
     return cast(Launch, Pending(future, kernel, key, dim, arguments, device))  # which has what the launch has
@@ -69,8 +69,9 @@ def expect(maker: Maker, device: str) -> None:
         maker: The kernel, or what makes it, called by one thread at a time.
         device: Warp device.
     """
-    if _found(maker, device)[1] is None:
-        _requested(maker, device)
+    key, function = _found(maker, device)
+    if function is None:
+        _requested(maker, key, device)
 
 
 def _found(maker: Maker, device: str) -> tuple[str | None, Function | None]:
@@ -85,12 +86,23 @@ def _found(maker: Maker, device: str) -> tuple[str | None, Function | None]:
     return key, function
 
 
-def _requested(maker: Maker, device: str) -> "tuple[wp.Kernel, Future[None] | None]":
+def _requested(maker: Maker, key: str | None, device: str) -> "tuple[wp.Kernel, Future[None] | None]":
     start_warp()
     with without_collections():
         with _MAKING:
             kernel = maker if isinstance(maker, wp.Kernel) else maker()
-        return kernel, COMPILER.request(kernel.module, wp.get_device(device))
+        future = COMPILER.request(kernel.module, wp.get_device(device))
+    if key is not None:
+        if future is None:
+            _keep(key, kernel, device)
+        else:
+            future.add_done_callback(lambda _: _keep(key, kernel, device))
+    return kernel, future
+
+
+def _keep(key: str, kernel: wp.Kernel, device: str) -> None:
+    if (binary := kept(kernel.module, wp.get_device(device))) is not None:
+        INDEX.keep(key, kernel, binary)
 
 
 def _record(kernel: wp.Kernel, key: str | None, dim: int, arguments: Sequence[object], device: str) -> Launch:
@@ -100,11 +112,10 @@ def _record(kernel: wp.Kernel, key: str | None, dim: int, arguments: Sequence[ob
         try:
             if not recorded.device.is_cpu or kernel.adj.kernel_dim != 1:
                 return cast(Launch, recorded)
-            kinds = [kind_of(value) or type(own).__name__ for value, own in zip(arguments, recorded.params[1:], strict=True)]
-            function = Function(kernel.module.name, recorded.hooks.forward, tuple(kinds), recorded.module_exec)
+            function = Function(kernel.module.name, recorded.hooks.forward, kinds_of(kernel), recorded.module_exec)
             direct = Direct(function, dim, arguments)
             if key is not None:
-                INDEX.keep(key, recorded, function)
+                INDEX.remember(key, function)
             return direct
         except (AttributeError, TypeError):  # another version of Warp, or of arguments: its own launches do as well
             return cast(Launch, recorded)

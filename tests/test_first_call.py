@@ -234,7 +234,7 @@ def test_a_kernel_is_compiled_once_however_many_threads_ask() -> None:
 def test_what_is_waited_for_in_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     """A large batch of a scene that is new: its launch is cut into portions before it is compiled."""
     monkeypatch.setattr(COMPILER, "_known", {})
-    monkeypatch.setattr("multirod.kernels.compiling._is_kept", lambda module, device: False)
+    monkeypatch.setattr("multirod.kernels.compiling.kept", lambda module, device: None)
     wire = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
     robot = mr.SingleRod(wire)
     force = np.zeros((LONGEST + 5, 3))

@@ -72,7 +72,7 @@ class Compiler:
                 self._known[key] = None
                 return None
             self.kernels.add(module.name)
-            if _is_kept(module, device):
+            if kept(module, device) is not None:
                 self._known[key] = None
                 return None
             self._announce()
@@ -171,14 +171,14 @@ def block_dim(device: wp.Device) -> int:
     return 1 if device.is_cpu else BLOCK
 
 
-def _is_kept(module: wp.Module, device: wp.Device) -> bool:
-    """Whether Warp's cache has a module, of the name that ``Module.load`` looks for; Warp has no public way to ask."""
+def kept(module: wp.Module, device: wp.Device) -> Path | None:
+    """Where Warp's cache has a module, of the name that ``Module.load`` looks for; Warp has no public way to ask."""
     if not wp.config.cache_kernels:
-        return False
+        return None
     threads = block_dim(device)
     folder = Path(str(wp.config.kernel_cache_dir)) / module.get_module_identifier(threads)
     names = (module._get_compile_output_name(device, block_dim=threads), module._get_meta_name(threads))
-    return all((folder / name).exists() for name in names)
+    return folder / names[0] if all((folder / name).exists() for name in names) else None
 
 
 def _quieten() -> None:

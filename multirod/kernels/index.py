@@ -9,8 +9,9 @@ kernel is made as ever. Only the processor's kernels stand here.
 import ctypes
 import json
 import os
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache, partial
@@ -19,6 +20,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import warp as wp
 
 PACKAGE = __name__.partition(".")[0]
@@ -32,7 +34,7 @@ class Function(NamedTuple):
     Attributes:
         module: Of Warp's that it is compiled in.
         call: The function.
-        kinds: Of its arguments, as ``kind_of`` tells them.
+        kinds: Of its arguments, as ``kinds_of`` tells them.
         owner: What it is unloaded with; None is never.
     """
 
@@ -73,7 +75,7 @@ def _told(value: object) -> str:
 
 def _place(named: Any) -> str:  # noqa: ANN401  (a function or a class)
     module, name = getattr(named, "__module__", None) or "", getattr(named, "__qualname__", "<locals>")
-    if not module.startswith(f"{PACKAGE}.") or "<locals>" in name:
+    if not module.startswith(f"{PACKAGE}.") or "<" in name:
         raise Untold(named)
     return f"{module}:{name}"
 
@@ -93,17 +95,26 @@ def _texts() -> str:
 
 
 def _settings() -> str:
-    """Warp, its settings, and the processor."""
+    """What makes and compiles kernels, its settings, and the processor."""
     plain = {name: value for name, value in sorted(vars(wp.config).items()) if type(value) in (bool, int, float, str)}
-    return f"{wp.get_cpu_kernel_cache_key()} {wp.__version__} {plain}"
+    return f"{sys.version} {np.__version__} {wp.__version__} {wp.get_cpu_kernel_cache_key()} {plain}"
 
 
-def kind_of(value: object) -> str | None:
-    """What an argument of a launch is, as far as its room in memory goes; None of one whose kind only Warp knows."""
-    if isinstance(value, wp.array):
-        return f"array of {value.ndim}, {wp.types.type_size_in_bytes(value.dtype)}"
-    cls = getattr(value, "_cls", None)
-    return f"{cls.key} of {ctypes.sizeof(cls.ctype)}" if cls is not None else None
+def kinds_of(kernel: wp.Kernel) -> tuple[str, ...]:
+    """What the arguments of a kernel are, as far as their room in memory goes: arrays, structs or numbers.
+
+    Raises:
+        AttributeError: If one is anything else.
+    """
+    types = [argument.type for argument in kernel.adj.args]
+    return tuple(_kind_of(own) or own._type_.__name__ for own in types)
+
+
+def _kind_of(own: Any) -> str | None:  # noqa: ANN401  (an argument, or the type of one)
+    if isinstance(own, wp.array):  # of Warp's, an array without numbers is a type
+        return f"array of {own.ndim}, {wp.types.type_size_in_bytes(own.dtype)}"
+    struct = getattr(own, "_cls", own)
+    return f"{struct.key} of {ctypes.sizeof(struct.ctype)}" if hasattr(struct, "ctype") else None
 
 
 def packed(kind: str, value: Any) -> Any:  # noqa: ANN401  (what Warp makes of it)
@@ -112,11 +123,11 @@ def packed(kind: str, value: Any) -> Any:  # noqa: ANN401  (what Warp makes of i
     Raises:
         TypeError: If it is not of this kind.
     """
-    own = kind_of(value)
-    if own is None and kind.startswith("c_") and isinstance(value, int | float):
+    own = _kind_of(value)
+    if own is None and kind.startswith("c_") and isinstance(value, int | float | np.integer | np.floating):
         return getattr(ctypes, kind)(value)
     if own != kind:
-        raise TypeError(f"an argument of a kernel is {own or value!r}, and must be {kind}")
+        raise TypeError(f"an argument of a kernel is {own or repr(value)}, and must be {kind}")
     return value.__ctype__()
 
 
@@ -130,20 +141,31 @@ class Index:
 
     def __init__(self) -> None:
         self._known: dict[str, Function] = {}
+        self._keys: dict[Hashable, str | None] = {}
+        self._settings: list[object] = []  # with which these were found
 
     def find(self, maker: Maker) -> tuple[str | None, Function | None]:
         """The key of a kernel, and it; None where there is none."""
-        if not wp.config.cache_kernels:
+        key = self._key(maker) if wp.config.cache_kernels else None
+        if key is None:
             return None, None
-        try:
-            made = made_of(maker)
-        except Untold:
-            return None, None
-        key = sha256(f"{_texts()} {_settings()} {made}".encode()).hexdigest()
         if key not in self._known:
             with suppress(OSError, ValueError, KeyError, TypeError, AttributeError, ctypes.ArgumentError):
                 self._known[key] = self._load(json.loads(_file(key).read_text()))
         return key, self._known.get(key)
+
+    def _key(self, maker: Maker) -> str | None:
+        if (now := list(vars(wp.config).values())) != self._settings:
+            self._keys, self._settings = {}, now
+        own = (maker.func, maker.args, tuple(maker.keywords.items())) if isinstance(maker, partial) else maker
+        try:
+            if own not in self._keys:
+                self._keys[own] = sha256(f"{_texts()} {_settings()} {made_of(maker)}".encode()).hexdigest()
+        except Untold:
+            self._keys[own] = None
+        except TypeError:  # what it is made with cannot be told apart from others
+            return None
+        return self._keys[own]
 
     def _load(self, entry: dict[str, Any]) -> Function:
         binary = Path(str(wp.config.kernel_cache_dir)) / entry["binary"]
@@ -157,17 +179,19 @@ class Index:
             raise ValueError("it is not there")
         return Function(entry["module"], call, tuple(entry["kinds"]), None)
 
-    def keep(self, key: str, recorded: Any, function: Function) -> None:  # noqa: ANN401  (Warp's has no types)
-        """Keep what was made and loaded; where that is not possible, the next process makes it again."""
+    def remember(self, key: str, function: Function) -> None:
+        """What was made and loaded is found from now on in this process."""
         self._known[key] = function
+
+    def keep(self, key: str, kernel: wp.Kernel, binary: Path) -> None:
+        """What was made and compiled is found by other processes; where that is not possible, they make it again."""
         with suppress(OSError, ValueError, AttributeError):
-            binary = Path(recorded.module_exec.binary_path)
             entry = {
-                "module": function.module,
+                "module": kernel.module.name,
                 "binary": str(binary.relative_to(str(wp.config.kernel_cache_dir))),
                 "size": binary.stat().st_size,
-                "symbol": f"{recorded.module_exec.get_kernel_mangled_name(recorded.kernel)}_cpu_forward",
-                "kinds": function.kinds,
+                "symbol": f"{kernel.get_mangled_name()}_cpu_forward",
+                "kinds": kinds_of(kernel),
             }
             file = _file(key)
             file.parent.mkdir(exist_ok=True)
