@@ -16,6 +16,7 @@ from multirod.batch import thread_count
 from multirod.cli import main
 from multirod.kernels import compiling
 from multirod.kernels.compiling import COMPILER, Compiler, cache
+from multirod.kernels.index import INDEX
 from multirod.kernels.own_module import own_module
 from multirod.launch import LONGEST, Direct, Pending, expect, record
 from multirod.models.assemblies import single_rod
@@ -234,6 +235,7 @@ def test_a_kernel_is_compiled_once_however_many_threads_ask() -> None:
 def test_what_is_waited_for_in_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     """A large batch of a scene that is new: its launch is cut into portions before it is compiled."""
     monkeypatch.setattr(COMPILER, "_known", {})
+    monkeypatch.setattr(INDEX, "find", lambda maker: (None, None))
     monkeypatch.setattr("multirod.kernels.compiling.kept", lambda module, device: None)
     wire = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638, precurvature=(14, 5, 0))
     robot = mr.SingleRod(wire)

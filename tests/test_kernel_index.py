@@ -74,6 +74,15 @@ def test_a_later_process_makes_nothing_again(tmp_path: Path) -> None:
     assert run(tmp_path) == (["0", "0"], kernels, numbers)
 
 
+def test_what_was_kept_is_loaded_and_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = displacements()
+    monkeypatch.setattr(INDEX, "_known", {})
+    monkeypatch.setattr("multirod.launch._requested", None)
+    found = displacements()
+    assert isinstance(found, Direct)
+    assert found.address[0] != made.address[0]
+
+
 def test_where_nothing_can_be_kept_all_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nowhere = tmp_path / "file"
     nowhere.write_text("")
@@ -181,3 +190,20 @@ def test_an_argument_of_another_kind_is_refused() -> None:
         packed("c_int", "three")
     assert packed("c_int", np.int64(3)).value == 3
     assert kinds_of(find_displacements)[0].startswith("Pairs")
+
+
+def test_kinds_of_arguments_are_those_of_the_kernel() -> None:
+    @own_module()
+    def several(a: wp.array[wp.float64], b: wp.array2d(dtype=wp.vec3d), pairs: Pairs, n: int, x: wp.float64) -> None:
+        pass
+
+    array, vectors = wp.zeros(2, dtype=wp.float64, device="cpu"), wp.zeros((2, 3), dtype=wp.vec3d, device="cpu")
+    kinds = kinds_of(several)
+    assert kinds[:2] == ("array of 1, 8", "array of 2, 24")
+    assert kinds[3:] == ("c_int", "c_double")
+    given = [array, vectors, Pairs(), 3, 0.5]
+    for kind, value in zip(kinds, given, strict=True):
+        packed(kind, value)
+    for kind, value in zip(kinds, [vectors, array, array, np.ones(3), Pairs()], strict=True):
+        with pytest.raises(TypeError, match="an argument of a kernel is"):
+            packed(kind, value)

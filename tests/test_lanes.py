@@ -157,6 +157,7 @@ import warp as wp
 wp.config.optimization_level = 1  # what is compiled matters here, not how fast it is
 import multirod as mr
 from multirod.kernels.compiling import COMPILER
+from multirod.kernels.index import INDEX
 from multirod.models.backbone.passes import lane_pass
 from multirod.studies.scenes import load
 lane_pass.WIDTH.update(float64=1, float32=1)  # a lane a thread, as on a GPU
@@ -165,6 +166,7 @@ def remember(module, device):
     modules[module.name] = module
     return request(module, device)
 COMPILER.request = remember
+INDEX.find = lambda maker: (None, None)  # what was compiled before is made again
 motion = load(sys.argv[1]).first(6)
 robot = motion.robot
 solution = mr.solve(robot, motion.inputs[0]).raise_if_failed()

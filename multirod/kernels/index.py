@@ -111,7 +111,7 @@ def kinds_of(kernel: wp.Kernel) -> tuple[str, ...]:
 
 
 def _kind_of(own: Any) -> str | None:  # noqa: ANN401  (an argument, or the type of one)
-    if isinstance(own, wp.array):  # of Warp's, an array without numbers is a type
+    if hasattr(own, "ndim") and not isinstance(own, np.ndarray | np.generic):  # an array, or the type of arrays
         return f"array of {own.ndim}, {wp.types.type_size_in_bytes(own.dtype)}"
     struct = getattr(own, "_cls", own)
     return f"{struct.key} of {ctypes.sizeof(struct.ctype)}" if hasattr(struct, "ctype") else None
