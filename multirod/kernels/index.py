@@ -106,7 +106,7 @@ def kinds_of(kernel: wp.Kernel) -> tuple[str, ...]:
     Raises:
         AttributeError: If one is anything else.
     """
-    types = [argument.type for argument in kernel.adj.args]
+    types: list[Any] = [argument.type for argument in kernel.adj.args]
     return tuple(_kind_of(own) or own._type_.__name__ for own in types)
 
 
@@ -205,7 +205,8 @@ def _file(key: str) -> Path:
 
 
 def _llvm() -> Any:  # noqa: ANN401  (Warp's compiler, which has no public way to load what it compiled)
-    return wp._src.context.runtime.llvm
+    runtime: Any = wp._src.context.runtime
+    return runtime.llvm
 
 
 INDEX = Index()
