@@ -139,14 +139,31 @@ def test_a_text_that_changes_is_another_package(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "inner").mkdir()
     file = tmp_path / "inner" / "equations.py"
     monkeypatch.setattr(index, "find_spec", lambda name: Spec)
+    read = index._texts.__wrapped__
     found = []
     for text in ("a", "b", "a"):
         file.write_text(text)
-        index._texts.cache_clear()
-        found.append(index._texts())
-    monkeypatch.undo()
-    index._texts.cache_clear()
+        monkeypatch.setattr(index, "_FILES", index._files())
+        found.append(read())
     assert found[0] == found[2] != found[1]
+    # what was imported before may be either
+    file.write_text("longer")
+    with pytest.raises(Untold, match="the package has changed"):
+        read()
+
+
+def test_nothing_is_kept_where_the_package_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(index, "_file", lambda key: tmp_path / "index" / key)
+    binary = Path(wp.config.kernel_cache_dir) / "of_a_test"
+    binary.write_bytes(b"")
+    INDEX.keep("key", find_displacements, binary)
+    kept = tmp_path / "index" / "key"
+    assert kept.exists()
+    kept.unlink()
+    monkeypatch.setattr(index, "_FILES", [])
+    INDEX.keep("key", find_displacements, binary)
+    binary.unlink()
+    assert not kept.exists()
 
 
 @pytest.mark.parametrize(

@@ -80,17 +80,34 @@ def _place(named: Any) -> str:  # noqa: ANN401  (a function or a class)
     return f"{module}:{name}"
 
 
-@cache
-def _texts() -> str:
-    """Hash of the texts of this package."""
-    found, places = sha256(), set[str]()
+def _files() -> list[tuple[str, str, int, int]]:
+    """The texts of this package: of each the folder it is imported from, its place there, its time and size."""
+    places, found = set[str](), []
     for name in (PACKAGE, f"{PACKAGE}.models", f"{PACKAGE}.solvers"):
         spec = find_spec(name)
         places.update(spec.submodule_search_locations or () if spec else ())
     for place in sorted(places):
         for file in sorted(Path(place).rglob("*.py")):
-            text = file.read_bytes()
-            found.update(f"{file.relative_to(place)} {len(text)} ".encode() + text)
+            state = file.stat()
+            found.append((place, str(file.relative_to(place)), state.st_mtime_ns, state.st_size))
+    return found
+
+
+_FILES = _files()  # as this process began to import them
+
+
+@cache
+def _texts() -> str:
+    """Hash of the texts of this package.
+
+    Raises:
+        Untold: If one has changed since the process began to import them.
+    """
+    found = sha256()
+    for place, file, _, size in _FILES:
+        found.update(f"{file} {size} ".encode() + (Path(place) / file).read_bytes())
+    if _files() != _FILES:
+        raise Untold("the package has changed")
     return found.hexdigest()
 
 
@@ -161,7 +178,7 @@ class Index:
         try:
             if own not in self._keys:
                 self._keys[own] = sha256(f"{_texts()} {_settings()} {made_of(maker)}".encode()).hexdigest()
-        except Untold:
+        except (OSError, Untold):
             self._keys[own] = None
         except TypeError:  # what it is made with cannot be told apart from others
             return None
@@ -186,6 +203,8 @@ class Index:
     def keep(self, key: str, kernel: wp.Kernel, binary: Path) -> None:
         """What was made and compiled is found by other processes; where that is not possible, they make it again."""
         with suppress(OSError, ValueError, AttributeError):
+            if _files() != _FILES:  # what was imported may be neither what was there nor what is
+                return
             entry = {
                 "module": kernel.module.name,
                 "binary": str(binary.relative_to(str(wp.config.kernel_cache_dir))),
