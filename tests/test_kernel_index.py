@@ -140,12 +140,18 @@ def test_a_text_that_changes_is_another_package(tmp_path: Path, monkeypatch: pyt
     file = tmp_path / "inner" / "equations.py"
     monkeypatch.setattr(index, "find_spec", lambda name: Spec)
     read = index._texts.__wrapped__
+    monkeypatch.setattr(index, "__file__", str(file))
     found = []
     for text in ("a", "b", "a"):
         file.write_text(text)
         monkeypatch.setattr(index, "_FILES", index._files())
         found.append(read())
     assert found[0] == found[2] != found[1]
+    # nothing is known of a package without its texts
+    monkeypatch.setattr(index, "__file__", str(tmp_path / "other.py"))
+    with pytest.raises(Untold, match="this is not imported from texts"):
+        read()
+    monkeypatch.setattr(index, "__file__", str(file))
     # what was imported before may be either
     file.write_text("longer")
     with pytest.raises(Untold, match="the package has changed"):
