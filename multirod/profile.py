@@ -129,61 +129,81 @@ def fit(
     Raises:
         ValueError: If a value is not finite or not of that width; the message names ``field`` and the arclength.
     """
-
     if isinstance(function, Profile) and function.holds(length, degree, width):
         return function
     source = function.function if isinstance(function, Profile) else function
+    count = int(min(_MOST_PLACES, _PLACES * np.ceil(max(1.0, length / shortest))))
+    return _Stretch(field, source, start, length, width, degree, count).resolve()
 
-    def sample(x: float) -> FloatArray:
-        s = float(start + x)
+
+class _Stretch:
+    """A function on a stretch of a rod, as far as it has been looked at; arclengths ``x`` count from its start.
+
+    Args:
+        field: The function's name, in messages.
+        function: Of arclength.
+        start, length: Of the stretch [m].
+        width: Numbers that the function returns.
+        degree: Of the polynomials.
+        count: Places at which the function is looked at, whatever the pieces: a bump between the nodes and probes of one would be
+            none.
+    """
+
+    PROBES = np.array([-0.97, -0.53, 0.11, 0.46, 0.91])
+
+    def __init__(
+        self, field: str, function: Callable[[float], Any], start: float, length: float, width: int, degree: int, count: int
+    ) -> None:
+        self.field, self.function, self.start, self.length = field, function, start, length
+        self.width, self.degree, self.powers = width, degree, np.arange(degree + 1)
+        self.places = length * _places(count)
+        self.seen = np.array([self.sample(x) for x in self.places])
+        self.scale = max(float(np.abs(self.seen).max()), 1e-300)
+
+    def sample(self, x: float) -> FloatArray:
+        """The function's value, (width,)."""
+        s = float(self.start + x)
         try:
-            value = source(s)
+            value = self.function(s)
         except Exception as error:
-            raise ValueError(f"{field}({s:g}) raised {type(error).__name__}: {error}") from error
+            raise ValueError(f"{self.field}({s:g}) raised {type(error).__name__}: {error}") from error
         numbers = value.tolist() if type(value) is np.ndarray and value.dtype is DOUBLE else value
         if (
             type(numbers) in (tuple, list)
-            and len(numbers) == width
+            and len(numbers) == self.width
             and all(type(v) in PLAIN and abs(v) <= LARGEST for v in numbers)
         ):
             return np.array(numbers, dtype=np.float64)  # what is below takes ten times as long, of hundreds of values
         try:
-            result = array(f"{field}({s:g})", value)
+            result = array(f"{self.field}({s:g})", value)
         except ValueError:
             result = np.empty(0)
-        if result.shape != (width,):
+        if result.shape != (self.width,):
             shown = value.tolist() if isinstance(value, np.ndarray) else value
-            refuse(f"{field}({s:g})", shown, f"must be {width} finite numbers")
+            refuse(f"{self.field}({s:g})", shown, f"must be {self.width} finite numbers")
         return result
 
-    powers = np.arange(degree + 1)
-    probes = np.array([-0.97, -0.53, 0.11, 0.46, 0.91])
-    count = int(min(_MOST_PLACES, _PLACES * np.ceil(max(1.0, length / shortest))))
-    places = length * _places(count)  # a bump between the nodes and probes of a piece would be none
-    seen = np.array([sample(s) for s in places])
-    scale = max(float(np.abs(seen).max()), 1e-300)
-
-    def resolved(first: float, end: float) -> tuple[FloatArray, bool]:
+    def piece(self, first: float, end: float) -> tuple[FloatArray, bool]:
         """The polynomial of a piece, and whether it is what the function is there."""
         centre, half = 0.5 * (first + end), 0.5 * (end - first)
-        found = interpolate(sample, first, end, degree)
-        near = slice(places.searchsorted(first), places.searchsorted(end, "right" if end == length else "left"))
-        t = np.concatenate([probes, (places[near] - centre) / half])
-        given = np.concatenate([[sample(centre + half * t) for t in probes], seen[near]])
-        return found, bool(np.abs(t[:, None] ** powers @ found - given).max() <= _RELATIVE_ERROR * scale)
+        found = interpolate(self.sample, first, end, self.degree)
+        near = slice(self.places.searchsorted(first), self.places.searchsorted(end, "right" if end == self.length else "left"))
+        t = np.concatenate([self.PROBES, (self.places[near] - centre) / half])
+        given = np.concatenate([[self.sample(centre + half * t) for t in self.PROBES], self.seen[near]])
+        return found, bool(np.abs(t[:, None] ** self.powers @ found - given).max() <= _RELATIVE_ERROR * self.scale)
 
-    def jump(a: float, b: float) -> float | None:
+    def jump(self, a: float, b: float) -> float | None:
         """Where the function jumps between two places, to rounding; None where it does not."""
-        at_a, at_b = sample(a), sample(b)
+        at_a, at_b = self.sample(a), self.sample(b)
         while a < (middle := 0.5 * (a + b)) < b:
-            value = sample(middle)
+            value = self.sample(middle)
             if np.abs(value - at_a).max() <= np.abs(value - at_b).max():
                 a, at_a = middle, value
             else:
                 b, at_b = middle, value
-        return b if np.abs(at_b - at_a).max() > _JUMP * scale else None
+        return b if np.abs(at_b - at_a).max() > _JUMP * self.scale else None
 
-    def divided(breaks: list[float], most: float) -> tuple[Profile, list[tuple[float, float]]] | None:
+    def divided(self, breaks: list[float], most: float) -> tuple[Profile, list[tuple[float, float]]] | None:
         """Polynomials between places, and the smallest pieces on which they are still not the function; None where there are more
         than ``most``."""
         ends: list[float] = []
@@ -192,7 +212,7 @@ def fit(
         pieces = [(*between, 0) for between in reversed([*pairwise(breaks)])]
         while pieces:
             first, end, level = pieces.pop()
-            found, good = resolved(first, end)
+            found, good = self.piece(first, end)
             if not good and level < _LEVELS:
                 centre = 0.5 * (first + end)
                 pieces += [(centre, end, level + 1), (first, centre, level + 1)]
@@ -203,19 +223,22 @@ def fit(
                 rough.append((first, end))
             if len(ends) > most:
                 return None
-        return Profile(np.array(ends), np.array(coefficients), source), rough
+        return Profile(np.array(ends), np.array(coefficients), self.function), rough
 
-    breaks, found, profile = [0.0, length], divided([0.0, length], np.inf), None
-    while found is not None:  # what takes more pieces between its jumps has none: it is noise
-        profile, rough = found
-        most, known = len(profile.ends) + len(rough), len(breaks)
-        for between in rough if len(rough) <= _MOST_JUMPS else ():
-            place = jump(*between)
-            if place is not None and min(abs(place - other) for other in breaks) > _APART * length:
-                breaks.append(place)
-        if len(breaks) == known:
-            break
-        breaks.sort()
-        found = divided(breaks, most)
-    assert profile is not None  # of the first time
-    return profile
+    def resolve(self) -> Profile:
+        """The function between its jumps."""
+        breaks = [0.0, self.length]
+        found, profile = self.divided(breaks, np.inf), None
+        while found is not None:  # what takes more pieces between its jumps has none: it is noise
+            profile, rough = found
+            most, known = len(profile.ends) + len(rough), len(breaks)
+            for between in rough if len(rough) <= _MOST_JUMPS else ():
+                place = self.jump(*between)
+                if place is not None and min(abs(place - other) for other in breaks) > _APART * self.length:
+                    breaks.append(place)
+            if len(breaks) == known:
+                break
+            breaks.sort()
+            found = self.divided(breaks, most)
+        assert profile is not None  # of the first time
+        return profile
