@@ -52,6 +52,9 @@ def test_a_column_buckles_to_the_side_of_the_rule(wide):
         assert event.load_factor == pytest.approx(1 / load, rel=1e-5)  # of RK4(50): 1e-6
         assert event.energy_lost == 0
         np.testing.assert_allclose(event.tip_displacement, (1, 0, 0), rtol=0, atol=1e-5)
+        swing = np.linalg.norm(found.tip_position[k] - (0, 0, LENGTH))  # it stood straight until then
+        assert event.tip_travel == pytest.approx(swing, rel=1e-9, abs=1e-9 * LENGTH)
+        assert event.said.endswith(f"tip moved {swing:.3g} m since")
 
 
 @pytest.mark.parametrize("wide", [1.0, 2.0], ids=["round", "flat"])

@@ -11,6 +11,8 @@ from multirod.batch import IntArray
 from multirod.status import Status
 from multirod.validation import FloatArray, frozen
 
+STILL = 1e-9  # m: a tip that is held moves by rounding
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BranchEvent:
@@ -28,6 +30,8 @@ class BranchEvent:
             unit vector along which it begins to move, (5) of ``docs/branches.md``; zero if that is held.
         rod_displacement: At a bifurcation where that is held, the unit vector in the world along which the place of a rod that
             moves the most begins to move, shape (3,); else zero. The twin, ``Shooting(side=...)``, goes the other way.
+        tip_travel: How far the end effector is from where it was at the event, at the next one or at the end of the solve, or of
+            the sample, in which it happened [m]; NaN where that is not told. After a bifurcation it moves on steadily.
         neutral: Modes that symmetry leaves neutral where it came to: it might stand anywhere along these.
     """
 
@@ -40,6 +44,7 @@ class BranchEvent:
     neutral: int = 0
     time: float = np.nan
     rod_displacement: FloatArray = field(default_factory=lambda: np.zeros(3))
+    tip_travel: float = np.nan
 
     def __post_init__(self) -> None:
         for name in ("tip_displacement", "rod_displacement"):
@@ -56,11 +61,12 @@ class BranchEvent:
             where = f"{self.progress:.3g} of the way" if np.isnan(self.time) else f"{self.time:.6g} s"
         what = f"{self.status.name} at a {'fold' if self.fold else 'bifurcation'}, {where}"
         if self.status is Status.BIFURCATED:
+            since = f", tip moved {self.tip_travel:.3g} m since" if self.tip_travel > STILL else ""
             if self.tip_displacement.any():
-                return f"{what}, tip along {_components(self.tip_displacement)}"
+                return f"{what}, tip along {_components(self.tip_displacement)}{since}"
             if self.rod_displacement.any():
-                return f"{what}, rod along {_components(self.rod_displacement)}, its twin against it"
-            return what
+                return f"{what}, rod along {_components(self.rod_displacement)}, its twin against it{since}"
+            return f"{what}{since}"
         lost = "as joints were closed" if np.isnan(self.energy_lost) else f"{self.energy_lost:.3g} J lost"
         return f"{what}, {lost}, tip moved {np.linalg.norm(self.tip_displacement):.3g} m"
 
@@ -112,6 +118,7 @@ def separate_events(joined: Mapping[str, NDArray[Any]]) -> Events:
             neutral=int(joined["neutral"][k]),
             tip_displacement=joined["tip_displacement"][k],
             rod_displacement=joined["rod_displacement"][k] if "rod_displacement" in joined else np.zeros(3),
+            tip_travel=float(joined["tip_travel"][k]) if "tip_travel" in joined else np.nan,
             **{name: float(joined[name][k]) for name in ("load_factor", "progress", "energy_lost", "time")},
         )
         result[instance] = (*result.get(instance, ()), event)

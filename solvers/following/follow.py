@@ -381,8 +381,8 @@ def _report(places: IntArray, journeys: Sequence[Journey], outcome: Outcome) -> 
     outcome.integrations[places] += [journey.integrations for journey in journeys]
     for place, journey in zip(places.tolist(), journeys, strict=True):
         outcome.status[place] = journey.status
-        if journey.events and not journey.status.failed:
-            outcome.events[place] = tuple(journey.events)
+        if journey.events and journey.end is not None and not journey.status.failed:
+            outcome.events[place] = journey.told(journey.end.position)
         if journey.neutral and not journey.status.failed:
             outcome.turning.add(place)
     if outcome.reached is not None:

@@ -4,7 +4,7 @@ Numbers in parentheses are those of ``docs/branches.md``.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -86,6 +86,7 @@ class Journey(Walk):
             landed, event, neutral = landed
             if event is not None:
                 self.events.append(event)
+                self.places.append(point.position)
             leaves = event is not None and event.status is Status.BIFURCATED and not event.fold
             point = yield from self._along(landed, neutral, point if leaves else None)
             if self.hardly > neutral and (point := (yield from self._let_down(point))) is None:
@@ -166,6 +167,12 @@ class Journey(Walk):
         statuses = {event.status for event in self.events}
         return next((status for status in (Status.SNAPPED, Status.BIFURCATED) if status in statuses), Status.CONVERGED)
 
+    def told(self, end: FloatArray) -> tuple[BranchEvent, ...]:
+        """Its events, and how far each moved the end effector, which is at ``end`` (3,) now."""
+        places = [*self.places, end]
+        ways = np.linalg.norm(np.diff(places, axis=0), axis=1).tolist()
+        return tuple(replace(event, tip_travel=way) for event, way in zip(self.events, ways, strict=True))
+
     def polish(self) -> Run:
         """The end again, by the equations and the tolerance of the problem that this is done for.
 
@@ -200,7 +207,7 @@ class Journey(Walk):
         unbent = critical.unknowns[: len(end.unknowns)]
         size = np.linalg.norm(end.unknowns - unbent)
         if found is None or np.linalg.norm(found.unknowns - end.unknowns) > SAME_SIZE * size:
-            self.events.pop()
+            self.events.pop(), self.places.pop()
             self.status = self.said
             found, _ = yield from self._correct(unbent, 1.0, 0, any_contraction=True)
         if found is None or (yield from self._judge(found)).falls:

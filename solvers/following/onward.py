@@ -69,6 +69,7 @@ def go_on(
     if options.fallback and before is None:
         ends = {k: (own.lost.unknowns, own.lost.level, own.steps) for k, own in noisy.items() if own.lost is not None}
         tried = in_segments(options).go_on(problem, outcome, ends, outcome.left_of(options.max_integrations))
+        position = problem.read("position")
         for k in np.flatnonzero(~failures(tried)).tolist():
-            outcome.status[k], outcome.events[k] = noisy[k].said, tuple(noisy[k].events)
+            outcome.status[k], outcome.events[k] = noisy[k].said, noisy[k].told(position[k])
     outcome.status[creeping & (outcome.status == Status.BRANCH_END)] = Status.MAX_ITERATIONS  # it did not end there

@@ -97,6 +97,7 @@ class Walk:
 
     def __post_init__(self) -> None:
         self.events: list[BranchEvent] = []
+        self.places: list[FloatArray] = []  # of the end effector, at each [m]
 
     # ---- evaluation ----
 
