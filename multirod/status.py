@@ -118,8 +118,8 @@ _MESSAGES = {
     Status.CONVERGED: "the residual is within the tolerance",
     Status.MAX_ITERATIONS: "the iteration limit was reached: raise max_iterations, which Shooting has for each continuation step "
     "(or, without a guess, max_continuation_steps), start nearer, or loosen the tolerance",
-    Status.INTEGRATION_LIMIT: "the integrations allowed for one solve, fallbacks included, were used up before it was decided: "
-    "raise max_integrations, start nearer by a guess, or follow a motion (simulate) from where a solution is known",
+    Status.INTEGRATION_LIMIT: "the integrations allowed for one solve, fallbacks included, were used up, or would be, before it "
+    "was decided: raise max_integrations, start nearer by a guess, or follow a motion (simulate) from where a solution is known",
     Status.SINGULAR_JACOBIAN: "the Jacobian is singular here (a fold or a bifurcation): start elsewhere or change the load",
     Status.NONFINITE: "the integration overflowed: start nearer, or apply the load in smaller steps",
     Status.STEP_LIMIT: "the integrator reached its step limit: loosen rtol, or the rod is far longer than its curvature allows",

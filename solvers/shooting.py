@@ -39,9 +39,9 @@ class Shooting(Solver):
         max_continuation_steps: Load steps allowed; where legs or networks are put together first, four times as many for joints
             and for loads.
         max_integrations: Integrations of a rod allowed in all that one solve does for an instance, or one sample of a motion:
-            continuation, the search for a stable equilibrium and ``MultipleShooting`` (no more there than its own default). What
-            has taken them without a result ends as ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of
-            the residual, come on top.
+            continuation, the search for a stable equilibrium and ``MultipleShooting`` (no more there than its own default). A rod
+            that clamps cut into six pieces counts as six. What has taken them without a result, or would, ends as
+            ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of the residual, come on top.
         fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch.
         at_fold: What is done where a branch ends: ``"follow"`` goes where a robot would whose loads are raised slowly, to the
             status ``BIFURCATED`` or ``SNAPPED``, or in a ``solve`` of curved tubes to ``LOWEST_ENERGY`` (``docs/branches.md``);
@@ -60,7 +60,7 @@ class Shooting(Solver):
     predictor: str = "adaptive"
     line_search: bool = True
     max_continuation_steps: int = 1000
-    max_integrations: int = 50_000
+    max_integrations: int = 20_000
     fallback: bool = True
     at_fold: str = "follow"
     side: str = "positive"

@@ -10,9 +10,10 @@ from multirod.capabilities import Loading
 from multirod.models.joint_kernels import CLAMPED
 from multirod.models.platform.problem import ParallelProblem
 from multirod.rotations import vectors
+from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import natural_branch
 from multirod.solvers.continuation.paths import Paths
-from multirod.solvers.starting import cold_start
+from multirod.solvers.starting import cold_start, multistart
 from multirod.solvers.starting.releasing import AT_REST_SCATTERED, SCATTERED
 from multirod.status import failures
 
@@ -91,6 +92,25 @@ def test_in_a_batch_only_what_is_lost_goes_on(number):
         assert batch.integrations[k] == alone.integrations
         np.testing.assert_array_equal(batch.unknowns[k], alone.unknowns)
         np.testing.assert_array_equal(batch.tip_position[k], alone.tip_position)
+
+
+@pytest.mark.parametrize(("allowed", "again"), [(20_000, 3), (8_000, 0)])
+def test_other_places_are_looked_at_before_they_are_followed(monkeypatch, allowed, again):
+    """Of a robot that no place leads to: four are followed, twelve looked at, then followed as long as integrations last."""
+    drawn, asked = draw(AGAIN), []
+
+    def nowhere(problem, newton, numbers, go_on):
+        asked.append((numbers[0], go_on is not None))
+        outcome = Outcome.zeros(problem.instance_count)
+        outcome.status[:], outcome.integrations[:] = mr.Status.BRANCH_END, 1000 if go_on else 1
+        return outcome
+
+    monkeypatch.setattr(cold_start, "assemble", lambda *_, **__: np.zeros(1, dtype=bool))
+    monkeypatch.setattr(multistart, "settle", nowhere)
+    solution = mr.solve(drawn.robot, drawn.inputs, solver=mr.Shooting(max_integrations=allowed))
+    assert asked == [(0, True), (4, False), (8, False), (12, False), (4, True), (8, True), (12, True)][: 4 + again]
+    assert (solution.status == mr.Status.INTEGRATION_LIMIT) == (not again)
+    assert np.isnan(solution.tip_position).all()
 
 
 def with_force(drawn, force):

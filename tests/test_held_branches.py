@@ -13,6 +13,7 @@ from scipy.special import ellipe, ellipk
 
 import multirod as mr
 from multirod.models.held.costless import free_in_balls
+from multirod.solvers.following.follow import _Together
 from multirod.solvers.following.journey import Journey
 from multirod.solvers.following.requests import Answer, Judge, Judgement
 
@@ -307,6 +308,26 @@ def test_the_witness_of_legs_tells_stable_from_unstable(stool):
     assert buckled.lowest() > 0
 
 
+def test_a_look_with_clamps_counts_as_its_six_pieces(monkeypatch):
+    """With less than they take there is no result."""
+    robot, looks, integrate = mr.HeldRod(STRIP, slide=(0, 0, 1), **HINGES), [], _Together._integrate_clamped
+
+    def counted(self, asked):
+        looks.extend(asked)
+        return integrate(self, asked)
+
+    monkeypatch.setattr(_Together, "_integrate_clamped", counted)
+    inputs = robot.inputs(tip_force=(0, 0, -1.05 * HINGED))
+    found = mr.solve(robot, inputs, solver=PRECISE)
+    assert found.status is mr.Status.BIFURCATED
+    with_clamps = 6 * len(looks)
+    assert len(looks) > 10
+    assert 20 < found.integrations - with_clamps < 200  # along the branch, and before it ended
+    limited = mr.solve(robot, inputs, solver=mr.Shooting(integrator=PRECISE.integrator, max_integrations=with_clamps))
+    assert limited.status is mr.Status.INTEGRATION_LIMIT
+    assert limited.integrations <= with_clamps + 10
+
+
 def test_just_beyond_its_load_a_hinged_strip_is_bent_as_the_elastica_says():
     """To the positive side, however little: a step too far as it left led to the other, and ``BRANCH_END`` up to 1e-6 beyond."""
     robot = mr.HeldRod(STRIP, slide=(0, 0, 1), **HINGES)
@@ -507,7 +528,7 @@ def test_a_round_column_leaves_its_plane_where_it_twists_more_easily(round_colum
     assert (history.stability == mr.Stability.STABLE).all()
     found = mr.solve(round_column, round_column.inputs(tip_force=thrust[-1]))
     assert (found.status, found.stability) == (mr.Status.SNAPPED, mr.Stability.STABLE)
-    assert found.integrations < 700
+    assert found.integrations < 4000  # some 400 of them with clamps, each of which is six
     assert found.potential == pytest.approx(history[-1].potential, rel=1e-7)  # to the tolerance, of a force of 60 EI/L^2
     assert found.tip_position == pytest.approx(history[-1].tip_position, abs=1e-7)
     for own, other in zip(said(history), found.events, strict=True):

@@ -107,7 +107,7 @@ def test_a_column_that_leaves_its_plane_goes_where_next_to_no_load_across_takes_
     found, free = (solved(load, own, solver=mr.Shooting(integrator=FINE)) for own in (share, 0))
     assert found.status is mr.Status.SNAPPED
     assert found.stability in (mr.Stability.STABLE, mr.Stability.FOLD)
-    assert found.integrations < 2500
+    assert found.integrations < 12_000  # a look with clamps is six
     own, other = (solution.rod(0, nodes=201).position for solution in (found, free))
     apart = [np.linalg.norm(places[100, :2]) for places in (own, other)]
     assert apart[0] == pytest.approx(apart[1], rel=1e-5 + share)

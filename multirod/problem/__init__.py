@@ -2,13 +2,12 @@
 
 from multirod.problem.boundary import (
     DOUBLE_ROUNDING,
-    FEW,
     SINGLE_TOLERANCE,
     TOLERANCE,
     Block,
     BoundaryProblem,
 )
-from multirod.problem.buffers import SMALL, Buffers
+from multirod.problem.buffers import FEW, SMALL, Buffers
 from multirod.problem.inputs import PosesSensed, Sensing
 from multirod.problem.offers import STILL, neutral_ways
 from multirod.problem.shapes import LineShape, Shape, nodes_of_pieces

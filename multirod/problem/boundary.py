@@ -23,7 +23,6 @@ TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
 LEAST_TOLERANCE = 1e-12  # of the curvature scale: rounding leaves no less
 SINGLE_TOLERANCE = 1e-5  # the same where rods are integrated in single precision, of the curvature scale
 DOUBLE_ROUNDING = float(np.finfo(np.float64).eps)
-FEW = 8  # instances of which one thread does all, what comes between integrations too
 
 
 @dataclass(frozen=True)

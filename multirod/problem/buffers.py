@@ -17,6 +17,7 @@ from multirod.kernels.compiling import start_warp
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
+FEW = 8  # instances of which one thread does all, what comes between integrations too
 SMALL = 2**19  # numbers in the records of a problem that may be kept for later calls, and its tools with it
 T = TypeVar("T")
 BUFFERS = (
@@ -220,7 +221,8 @@ class Buffers(Uncopied):
         active = np.array(self.buffer("active"))
         self.set_buffer("active", chosen)
         try:
-            with self.focused(None if chosen.all() else np.flatnonzero(chosen)):
+            # few are passed over in one go whether all are active or not, and aiming launches takes as long as many of them
+            with self.focused(None if self.instance_count <= FEW or chosen.all() else np.flatnonzero(chosen)):
                 yield
         finally:
             self.set_buffer("active", active)

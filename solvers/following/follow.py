@@ -22,14 +22,13 @@ from multirod.solvers.following.journey import Journey
 from multirod.solvers.following.many import correct, descend, trace
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Judgement, Request, Run, Settle, Trace, Weigh
 from multirod.solvers.following.turns import ClampedTurns, Turns
-from multirod.solvers.following.walk import NOISY
+from multirod.solvers.following.walk import NOISY, PIECES
 from multirod.stability import StabilityAnalysis
 from multirod.status import Status, failures
 from multirod.validation import FloatArray
 
 ENDED = (Status.BRANCH_END, Status.MAX_ITERATIONS)  # of a way: where a branch ends, or creeps
 TOGETHER = 4096  # instances on their way at once
-PIECES = 6  # into which clamps cut a rod
 FINER = 16  # times as many equal steps: their error is a 65,536th
 
 

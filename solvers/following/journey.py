@@ -13,7 +13,7 @@ from multirod.results.events import BranchEvent
 from multirod.rotations import leading_axis
 from multirod.solvers.following.descent import SOFT, Point, Slope, Unfit
 from multirod.solvers.following.many import alike
-from multirod.solvers.following.requests import Clamp, Run, Settle
+from multirod.solvers.following.requests import Run, Settle
 from multirod.solvers.following.walk import DECIDED, MERGED, Walk, held, turn_between
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -237,14 +237,12 @@ class Journey(Walk):
         if self.by_tip:
             with suppress(Unfit):
                 landed = yield from self._leave_by(critical)
-        for clamping in range(max(1, self.clampings)):
-            if landed is None:
-                self._count()
-                if (clamped := (yield Clamp(critical.unknowns, critical.level, clamping))) is not None:
-                    with suppress(Unfit):
-                        landed = yield from self._leave_by(clamped)
-                        if landed is None and (step := LEFT * (1 - critical.level)) < self._overshoot(critical):
-                            landed = yield from self._leave_by(clamped, step)
+        for clamping in range(self.clampings):
+            if landed is None and (clamped := (yield from self._clamped(critical, clamping))) is not None:
+                with suppress(Unfit):
+                    landed = yield from self._leave_by(clamped)
+                    if landed is None and (step := LEFT * (1 - critical.level)) < self._overshoot(critical):
+                        landed = yield from self._leave_by(clamped, step)
         return landed
 
     def _leave_by(self, critical: Point, step: float | None = None) -> Run:

@@ -21,6 +21,7 @@ from multirod.validation import FloatArray
 OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step beyond a critical point
 NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
 POLISHED = 1e-2  # of the unknowns at the end of the way, by which other equations may move it slowly
+PIECES = 6  # into which clamps cut a rod, each of which is integrated
 CLAMPED_STEPS = 400  # of a descent by the turns of clamps
 GOING, LEAST_GONE = 50, 2.5  # of so many in a row, what the parts that they keep are to add up to: what lands makes 12
 RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
@@ -102,9 +103,17 @@ class Walk:
     # ---- evaluation ----
 
     def _at(self, unknowns: FloatArray, level: float) -> Run:
-        self._count()
+        self._count(PIECES if len(unknowns) > len(self.start) else 1)
         point = yield At(unknowns, level)
         return point
+
+    def _clamped(self, point: Point, clamping: int = 0) -> Run:
+        """The same point with clamps that carry no moment yet; None where there can be none."""
+        if not self.clampings:
+            return None
+        self._count(PIECES)
+        clamped = yield Clamp(point.unknowns, point.level, clamping)
+        return clamped
 
     def _judge(self, point: Point) -> Run:
         self._count()
@@ -209,8 +218,7 @@ class Walk:
 
     def _let_down(self, point: Point) -> Run:
         """(13) The equilibrium to which the valley leads in which a point is; None where none was found."""
-        self._count()
-        clamped = yield Clamp(point.unknowns, point.level)
+        clamped = yield from self._clamped(point)
         slope = None if clamped is None else self._slope_or_none(clamped)
         if slope is None:
             return None

@@ -128,12 +128,12 @@ def _on_closing(event: BranchEvent) -> BranchEvent:
     return replace(event, load_factor=0.0, energy_lost=0.0 if event.status is Status.BIFURCATED else np.nan)
 
 
-def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray, go_on: GoOn) -> Outcome:
+def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray, go_on: GoOn | None) -> Outcome:
     """Put every instance together at the places ``numbers`` (see ``Joints.apart``), joints and loads in proportion.
 
-    ``go_on`` leads on from where that ends, and down from what is unstable. What leads nowhere so is followed by its arclength,
-    back and forth through the folds, to where it meets the full load with as many unstable modes as at the start, or two more, or
-    four. Whether what that comes to is stable is for the caller to ask.
+    ``go_on`` leads on from where that ends, and down from what is unstable; without it nothing does. What leads nowhere so is
+    followed by its arclength, back and forth through the folds, to where it meets the full load with as many unstable modes as at
+    the start, or two more, or four. Whether what that comes to is stable is for the caller to ask.
     """
     joints, everyone = _joints(problem), np.ones(problem.instance_count, dtype=bool)
     unknowns = joints.apart(numbers)
@@ -147,6 +147,9 @@ def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray, go_on: G
         with problem.everyone():
             outcome.status[whole & problem.stability.unstable()] = Status.UNSTABLE
         outcome.integrations += whole
+    if go_on is None:
+        joints.shut()
+        return outcome
     go_on(problem, newton, outcome)
     lost = failures(outcome.status) & ~whole & (sign != 0)
     if lost.any():

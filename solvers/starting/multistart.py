@@ -264,21 +264,28 @@ def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome, go_on: 
     """Stable equilibria that each instance comes to rest at; what is counted is added to ``outcome``."""
     assert problem.parts is not None
     catalogues = [Catalogue(None) for _ in range(problem.instance_count)]
-    allowed = newton.allowed()
+    allowed, before = newton.allowed(), outcome.integrations.copy()
+    needed = np.zeros_like(before)  # by the first round, as much as is to be left for another like it
     open_ = np.arange(problem.instance_count)
-    for first in range(0, SETTLED, SETTLED_ROUND):
-        share = (allowed - outcome.integrations) // SETTLED_ROUND - LAST
-        outcome.status[open_[share[open_] <= 0]] = Status.INTEGRATION_LIMIT
-        open_ = open_[share[open_] > 0]
+    others = range(SETTLED_ROUND, SETTLED, SETTLED_ROUND)
+    # what is soon done at all others first: what is hard at four places has been so at all, or easy at some
+    for first, on in ((0, go_on), *((k, None) for k in others), *((k, go_on) for k in others)):
+        left = allowed - outcome.integrations
+        share = left // SETTLED_ROUND - LAST
+        stays = (share > 0) & ((on is None) | (left >= needed))
+        outcome.status[open_[~stays[open_]]] = Status.INTEGRATION_LIMIT
+        open_ = open_[stays[open_]]
         if not len(open_):
             break
         rows = np.repeat(open_, SETTLED_ROUND)
         trial = problem.parts.of(rows)
         method = newton.of(trial, rows)
         method.allow(share[rows])
-        counts = settle(trial, method, np.tile(np.arange(first, first + SETTLED_ROUND), len(open_)), go_on)
+        counts = settle(trial, method, np.tile(np.arange(first, first + SETTLED_ROUND), len(open_)), on)
         np.add.at(outcome.iterations, rows, counts.iterations)
         np.add.at(outcome.integrations, rows, counts.integrations)
+        if first == 0:
+            needed = outcome.integrations - before
         unknowns, gamma = trial.read("unknowns"), trial.read("gamma").reshape(len(rows), problem.unknown_count, -1)
         stability = _stability(trial).modes().stability
         turning = np.isin(np.arange(len(rows)), list(counts.turning)) & (stability == Stability.FOLD)

@@ -20,7 +20,7 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.solvers.shooting import Shooting
 
-AT_REST = 1000  # integrations in which an assembly that was let go is to come to rest; 25 to 500 are usual
+AT_REST = 2000  # integrations in which an assembly that was let go is to come to rest; 25 to 500 are usual, six with clamps
 SCATTERED = 16  # places more at which it is let go, where the first leads nowhere
 AT_REST_SCATTERED = 300  # the same of each of these: many, of which most come to rest so
 TOGETHER = 32  # instances whose places are looked at at once
