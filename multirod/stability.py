@@ -143,6 +143,9 @@ class StabilityAnalysis(ABC):
     def modes(self) -> Modes:
         """The second variation of the energy of the equilibria at ``unknowns``; it may take integrations."""
 
+    def expect(self) -> None:  # noqa: B027  (some launch nothing)
+        """Have what ``modes`` launches compiled in the background, as what is sure to be asked for."""
+
     @property
     @abstractmethod
     def has_potential(self) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ import programs
 import pytest
 import warp as wp
 
+import multirod as mr
 from multirod.integrators import RK4, RK45
 from multirod.kernels import index
 from multirod.kernels.index import INDEX, Untold, kinds_of, made_of, packed
@@ -20,6 +21,7 @@ from multirod.models.backbone.kernels.integration.integrate import make_kernel
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.loads.load import Load
 from multirod.models.backbone.stability.conjugate_kernels import Pairs, find_displacements
+from multirod.studies.scenes import load
 
 # not optimised, kernels are compiled in half of the time
 SOLVE = """
@@ -197,6 +199,47 @@ def test_a_kernel_made_within_a_function_cannot_be_told() -> None:
 
     with pytest.raises(Untold):
         made_of(nothing)
+
+
+# ---- what is compiled meanwhile ----
+
+
+@pytest.mark.parametrize("kind", ["tubes", "legs", "held rod", "network"])
+def test_what_stability_expects_is_what_it_launches(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    leg = mr.Rod(length=0.3, bending_stiffness=0.5, torsional_stiffness=0.4)
+    if kind == "tubes":
+        motion = load("three-tubes")
+        robot, inputs = motion.robot, motion.inputs[0]
+    elif kind == "legs":
+        motion = load("six-legs")
+        robot, inputs = motion.robot, motion.inputs[0]
+    elif kind == "held rod":
+        end = np.eye(4)
+        end[:3, 3] = (0, 0.05, 0.27)
+        robot = mr.HeldRod(leg, end=end)
+        inputs = robot.inputs()
+    else:
+        plate = mr.Body("plate")
+        joints = [mr.Joint("rod", "base", to=mr.ground), mr.Joint("rod", "tip", to=plate)]
+        robot = mr.Network(rods={"rod": leg}, bodies=[plate], joints=joints, end_effector=plate)
+        inputs = robot.inputs(force={"plate": (0.1, 0, 0)})
+    problem = robot.problem(inputs, integrator=RK45())
+    problem.write("unknowns", problem.guess())
+    problem.integrate()
+    asked: list[str] = []
+    find = INDEX.find
+
+    def heard(maker: Any) -> Any:
+        asked.append(made_of(maker))
+        return find(maker)
+
+    monkeypatch.setattr(INDEX, "find", heard)
+    problem.stability.expect()
+    expected = set(asked)
+    assert any("make_kernel" in each for each in expected)
+    asked.clear()
+    problem.stability.modes()
+    assert expected <= set(asked)
 
 
 # ---- its arguments ----

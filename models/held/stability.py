@@ -59,6 +59,9 @@ class HeldStability(StabilityAnalysis):
     def __init__(self, problem: "HeldProblem") -> None:
         self.problem = problem
 
+    def expect(self) -> None:  # noqa: D102
+        self.problem.rod.stability.expect()
+
     def modes(self) -> Modes:
         """(12) to (15) What is left free: angles of the base in its joint, and the moments and forces that hold the tip."""
         problem = self.problem

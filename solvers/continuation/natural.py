@@ -29,7 +29,9 @@ def natural_branch(
     likewise), what creeps is given up: it is set there, and its status is ``STALLED``.
     """
     chosen = np.ones(problem.instance_count, dtype=bool) if chosen is None else chosen
-    bounds = problem.mode_bounds()
+    bounds, stability = problem.mode_bounds(), problem.stability
+    if problem.may_jump and stability is not None and (chosen & (bounds[:, 1] >= 1)).any():
+        stability.expect()  # as those are looked at
     short = _short_cut(problem, newton, chosen, bounds)
     left = chosen if short is None else chosen & failures(short.status)
     if short is None or left.any():

@@ -97,6 +97,8 @@ class ColdStart:
     def raise_loads(self) -> None:
         """To where the natural branch leads."""
         problem, newton = self.problem, self.newton
+        if problem.stability is not None and not problem.stability.guess_is_stable:
+            problem.stability.expect()  # as what is found is judged
         with self._searching():
             newton.allow(self.options.max_integrations)
             handed = self.handed if self.options.fallback else None

@@ -9,9 +9,11 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.kernels.warp_types import Struct
+from multirod.launch import expect
+from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.nodes.correction import held_to_solve
 from multirod.models.backbone.nodes.node_pass import NodePass
-from multirod.models.backbone.passes.lane_pass import LanePass
+from multirod.models.backbone.passes.lane_pass import LanePass, kernel_of
 from multirod.models.backbone.terms import judging, teller, telling
 from multirod.models.backbone.unknowns import with_moment
 from multirod.validation import FloatArray
@@ -98,6 +100,17 @@ class NodePasses:
         launch = problem.lane_pass(replace(problem.features, pose=True), call, columns=(0, 0))
         return NodePass(call, launch, False, False, problem.on_host)
 
+    def expect_columns(self) -> None:
+        """Have the kernel of a pass by columns compiled in the background."""
+        problem = self.problem
+        if isinstance(problem.launch, LanePass):
+            expect(kernel_of(self._terms(True, {}), problem.integrator.tableau, "float64", problem.device), problem.device)
+
+    def _terms(self, columns: bool, changes: dict[str, Any]) -> Features:
+        features = replace(self.problem.features, nodes=False, node_columns=False, design=False, **changes)
+        without = replace(telling(features), pose_sensitivities=False, directions=False)
+        return judging(features) if columns else teller(features, self.problem.integrator) or without
+
     def _listed(self) -> NDArray[np.bool_]:
         """Which instances launches evaluate, shape (instance_count,)."""
         result = np.zeros(self.problem.instance_count, dtype=bool)
@@ -134,12 +147,9 @@ class NodePasses:
     def _make_node_pass(
         self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
     ) -> NodePass:
-        problem, buffers = self.problem, self.problem.buffers
-        features = replace(problem.features, nodes=False, node_columns=False, design=False, **changes)
-        without = replace(telling(features), pose_sensitivities=False, directions=False)
+        problem, buffers, features = self.problem, self.problem.buffers, self._terms(columns, changes)
         if columns:
             problem.expect_form()
-        features = judging(features) if columns else teller(features, problem.integrator) or without
         call: Struct = buffers.call(node_count)
         if unknowns is not None:
             call.problem.unknowns = buffers.array(unknowns)

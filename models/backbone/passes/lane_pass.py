@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from multirod.integrators import Integrator
+from multirod.integrators import Integrator, Tableau
 from multirod.kernels.warp_types import Array, Struct
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.integrate import make_kernel
@@ -36,6 +36,11 @@ layout_of = cache(Layout)  # it takes as long as an integration of one rod
 def width(precision: str, device: str) -> int:
     """Lanes of a thread: as many as a vector of the processor holds, one on a GPU."""
     return WIDTH[precision] if wp.get_device(device).is_cpu else 1
+
+
+def kernel_of(features: Features, tableau: Tableau, precision: str, device: str) -> Callable[[], wp.Kernel]:
+    """What makes the kernel of such terms."""
+    return partial(make_kernel, features, tableau, precision, width(precision, device))
 
 
 def parts_of(count: int, columns: int, lanes: int) -> int:
@@ -108,9 +113,7 @@ class LanePass:
         launch_arguments = [table, call, self._arrays]
 
         self._threads = threads(call, portion)
-        self._launch = record(
-            partial(make_kernel, features, integrator.tableau, precision, lanes), self._threads, launch_arguments, device
-        )
+        self._launch = record(kernel_of(features, integrator.tableau, precision, device), self._threads, launch_arguments, device)
         self._order, self._portion = call.problem.order, portion
         self.listed = count
         self._orders = self._portions(count)

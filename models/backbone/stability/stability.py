@@ -97,6 +97,13 @@ class BackboneStability(StabilityAnalysis):
             stored += self.problem.lines.stretch_energy(self.problem.lines.length())
         return np.where(self.has_potential, stored - work, np.nan)
 
+    def expect(self) -> None:  # noqa: D102
+        terms = self.problem.features
+        by_nodes = not (terms.world_force_is_state or self.place_unknown or (terms.turning_count and not terms.torque_count))
+        if by_nodes:
+            self.problem.expect_form()
+            self.problem.nodes.expect_columns()
+
     def surely_stable(self) -> bool:  # noqa: D102
         return bool(self._by_one_launch(lambda own, nodes: own.holds(nodes)))
 

@@ -66,6 +66,10 @@ class NetworkStability(StabilityAnalysis):
         self.problem = problem
         self.rows = problem.form_rows
 
+    def expect(self) -> None:  # noqa: D102
+        for group in self.problem.groups:
+            group.backbones.stability.expect()
+
     def modes(self) -> Modes:
         """(15) to (17) Modes of the whole network, counted in the mean stiffness over the mean length of the rods."""
         problem, count = self.problem, self.problem.instance_count

@@ -155,6 +155,10 @@ class PlatformStability(StabilityAnalysis):
     def __init__(self, problem: "ParallelProblem") -> None:
         self.problem = problem
 
+    def expect(self) -> None:  # noqa: D102
+        for group in self.problem.groups:
+            group.backbones.stability.expect()
+
     def modes(self) -> Modes:  # noqa: D102
         self.problem.to_legs()
         rotation = self.problem.pose()[1]
