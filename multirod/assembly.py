@@ -13,14 +13,12 @@ from multirod import plausibility
 from multirod.batch import IntArray, broadcast_shapes
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec
-from multirod.naming import hinted, unknown_names
+from multirod.naming import INPUTS_NAMED, OF_ROBOTS, Asked, hinted, unknown_names
 from multirod.problem import BoundaryProblem
 from multirod.read_only import ReadOnly
 from multirod.rod import Rod
 from multirod.rotations import refuse_unturned
 from multirod.validation import Described, FloatArray, array, first_of, refuse
-
-INPUTS_NAMED = "inputs are named, robot.inputs(tip_force=(1, 0, 0)); print(robot.input_specs) lists them"
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar
@@ -52,7 +50,7 @@ class Backbone:
     holes: int = 0
 
 
-class Assembly(ReadOnly, ABC):
+class Assembly(Asked, ReadOnly, ABC):
     """Rods, how they are coupled, and what actuates them. Knows nothing of solvers.
 
     Attributes:
@@ -61,6 +59,7 @@ class Assembly(ReadOnly, ABC):
     """
 
     instead = "make another robot, as it is to be"
+    called = OF_ROBOTS
     rods: tuple[Rod, ...]
     mass_carried: float = 0.0
     if TYPE_CHECKING:
@@ -191,7 +190,7 @@ class Assembly(ReadOnly, ABC):
 
         for name in values.keys() & DRIVES:
             if all(spec.name != name for spec in self.input_specs):
-                refuse(name, values[name], "must not be given: no rod has a line that is driven by it")
+                refuse(name, values[name], f"must not be given: no rod has a line that is driven by it{self._driven(name)}")
         needs_length = any(callable(value) for value in values.values())
         reach = 0.0, np.inf
         if needs_length:
@@ -203,6 +202,11 @@ class Assembly(ReadOnly, ABC):
         self.check(result)
         result.checked_by(self)
         return result
+
+    def _driven(self, name: str) -> str:
+        """What drives the lines that there are in the place of ``name``, as a message ends."""
+        drives = [spec.name for spec in self.input_specs if spec.acts == "lines"]
+        return f", they are driven by {' and '.join(drives)} (see driven= of Tendon)" if drives else ""
 
     def beyond_limits(self, solution: "Solution", instance: int) -> str:
         """What of an instance that is ``OUT_OF_LIMITS`` is beyond limits of the robot itself, as a message ends."""

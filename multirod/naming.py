@@ -1,10 +1,10 @@
 """Names that are given: those that nothing has are refused, with the one that was probably meant."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from functools import wraps
 from inspect import signature
-from typing import ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ClassVar, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -14,7 +14,7 @@ _OTHER_NAMES: dict[str, tuple[str, ...]] = {
         ("tip_force",): "force load wrench tip_load tip_wrench",
         ("tip_moment",): "moment torque tip_torque",
         ("rotation",): "angle angles theta alpha base_angle",
-        ("translation",): "insertion feed beta shift",
+        ("translation",): "insertion feed beta shift lengths leg_lengths extension",
         ("gravity", "shear_modulus"): "g",
         ("gravity",): "acceleration weight",
         ("tension",): "tensions tendon_force tendon_tension pull",
@@ -41,6 +41,33 @@ _OTHER_NAMES: dict[str, tuple[str, ...]] = {
     }.items()
     for other in others.split()
 }  # what names are called elsewhere
+_SOLVED = "mr.solve(robot, inputs)"
+OF_ROBOTS = {
+    **dict.fromkeys(("solve", "forward", "forward_kinematics", "fk", "shape"), _SOLVED),
+    **dict.fromkeys(("tip_position", "tip_rotation", "position", "jacobian"), f"that of {_SOLVED}"),
+    **dict.fromkeys(("inverse_kinematics", "ik", "reach"), "mr.reach(robot, mr.Pose(position=...), free=...)"),
+    **dict.fromkeys(("simulate", "step"), "mr.simulate(robot, inputs, time=...), or mr.Tracker(robot)"),
+    **dict.fromkeys(("rod", "tube", "leg", "length", "lengths"), "rods, each of which has length and sections"),
+}  # what attributes of a robot are called elsewhere
+INPUTS_NAMED = "inputs are named, robot.inputs(tip_force=(1, 0, 0)); print(robot.input_specs) lists them"
+
+
+class Asked:
+    """Says of an attribute that is not there what was probably meant.
+
+    Attributes:
+        called: By names from elsewhere, what is asked here.
+    """
+
+    called: ClassVar[Mapping[str, str]] = {}
+
+    if not TYPE_CHECKING:  # which knows what there is
+
+        def __getattr__(self, name: str) -> object:
+            if hasattr(type(self), name):  # it refused, and says why
+                return object.__getattribute__(self, name)
+            hint = f"; did you mean {self.called[name]}?" if name in self.called else ""
+            raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}", name=name, obj=None if hint else self)
 
 
 def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> None:

@@ -142,3 +142,52 @@ def test_a_pull_has_no_critical_load_and_a_push_to_the_side_is_not_said_to_be_on
         mr.critical_loads(robot, robot.inputs(tip_force=(0.05, 0, -5)), max_steps=8)
     assert "no change of stability" in str(told.value)
     assert "stiffen" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("platform_position", "tip_position"),
+        ("leg", "rod(0)"),
+        ("leg_forces", 'wrench(leg, "tip")'),
+        ("is_stable", "stability"),
+        ("displacement", "line_length"),
+        ("translations", "robot.translations(solution)"),
+    ],
+)
+def test_what_a_solution_is_asked_under_other_names(one, name, meant):
+    with refused(AttributeError, f"Solution has no {name!r}; did you mean ", meant):
+        getattr(one, name)
+
+
+def test_what_a_robot_and_a_shape_are_asked_under_other_names(robot, one):
+    for own, name, meant in (
+        (robot, "solve", "mr.solve(robot, inputs)"),
+        (robot, "tip_position", "that of mr.solve(robot, inputs)"),
+        (robot, "ik", "mr.reach(robot, "),
+        (robot, "length", "rods, each"),
+        (one.rod(0), "x", "position, whose last axis is x, y, z"),
+        (one.rod(0), "u", "curvature"),
+    ):
+        with refused(AttributeError, f"{type(own).__name__} has no {name!r}; did you mean {meant}"):
+            getattr(own, name)
+        assert not hasattr(own, "colour")
+
+
+def test_options_are_said_to_be_whose_they_are(robot):
+    with refused(
+        TypeError, "unexpected keyword argument 'tolerance'", "options are the solver's, solver=Shooting(tolerance=1e-9)"
+    ):
+        mr.solve(robot, tolerance=1e-9)
+    with refused(TypeError, "must be a Solver such as Shooting(), not RK4: give it to one, Shooting(integrator=RK4("):
+        mr.solve(robot, solver=mr.RK4(50))
+    with refused(TypeError, "unexpected keyword argument 'length'", "it is made of a rod, SingleRod(Rod(...)), which has length"):
+        mr.SingleRod(length=0.4)
+    with refused(TypeError, "inputs() takes no 'leg_lengths'", "did you mean 'translation'?"):
+        robot.inputs(leg_lengths=0.4)
+
+
+def test_how_lines_are_driven_is_said():
+    pulled = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.1, lines=[mr.Tendon((0.01, 0))]))
+    with refused(ValueError, "no rod has a line that is driven by it, they are driven by tension (see driven= of Tendon)"):
+        pulled.inputs(displacement=1e-3)

@@ -10,9 +10,9 @@ from inspect import Parameter, Signature, cleandoc
 from re import sub
 from typing import Any, Literal, TypeAlias, TypedDict, TypeVar, cast, dataclass_transform
 
-from multirod.assembly import INPUTS_NAMED, Assembly
+from multirod.assembly import Assembly
 from multirod.inputs import InputSpec
-from multirod.naming import hinted
+from multirod.naming import INPUTS_NAMED, hinted
 from multirod.types import AlongRod, Numbers
 
 ByName: TypeAlias = Numbers | Mapping[str, Numbers]

@@ -11,6 +11,7 @@ from multirod.models.assemblies.inputs import SingleRodInput, SingleRodInputs, l
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.checks import surely_driven
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_INPUTS, DRIVES, TIP_CURVATURE, drive_specs
+from multirod.naming import hinted
 from multirod.rod import Rod
 from multirod.types import Numbers
 from multirod.validation import refuse
@@ -33,6 +34,7 @@ class SingleRod(BackboneAssembly):
         TypeError: If ``rod`` is not a ``Rod``.
     """
 
+    @hinted("it is made of a rod, SingleRod(Rod(...)), which has length, stiffnesses and lines")
     def __init__(self, rod: Rod, *, base: Numbers | None = None) -> None:
         if not isinstance(rod, Rod):
             several = isinstance(rod, (list, tuple)) and all(isinstance(item, Rod) for item in rod)

@@ -1,12 +1,23 @@
 """Rods and lines on nodes along their arclength: what problems say, and results."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, ClassVar, NoReturn
 
+from multirod.naming import Asked
 from multirod.validation import FloatArray, frozen, shown
 
+OF_SHAPES = {
+    **dict.fromkeys(("x", "y", "z", "positions", "centreline", "points"), "position, whose last axis is x, y, z"),
+    **dict.fromkeys(("s", "arclengths"), "arclength"),
+    **dict.fromkeys(("rotations", "frame", "frames", "R"), "rotation"),
+    **dict.fromkeys(("u", "strain", "strains", "curvatures"), "curvature"),
+    **dict.fromkeys(("m", "moments"), "moment"),
+    **dict.fromkeys(("n", "forces"), "force"),
+}  # what attributes of a shape are called elsewhere
 
-class Unindexed:
+
+class Unindexed(Asked):
     """Arrays by name, which are indexed, not what has them."""
 
     if not TYPE_CHECKING:  # which knows that there is none
@@ -34,6 +45,7 @@ class Shape(Unindexed):
         total_force: The same for the force.
     """
 
+    called: ClassVar[Mapping[str, str]] = OF_SHAPES
     arclength: FloatArray
     position: FloatArray
     rotation: FloatArray

@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal, Self, Unpack
+from typing import Any, Literal, Self, Unpack
 
 import numpy as np
 
 from multirod.assembly import Robot_co
 from multirod.batch import Instances, along, chosen
-from multirod.naming import names_checked
+from multirod.naming import Asked, names_checked
 from multirod.results import derivatives
 from multirod.results.remarks import Remarks
 from multirod.results.wrenches import Wrenches
@@ -44,6 +44,13 @@ _OTHER_NAMES = {
     "rotation": "tip_rotation, or rod(0).rotation along a rod",
     **dict.fromkeys(("converged", "success", "ok"), "status, or failed"),
     **dict.fromkeys(("message", "reason"), "status.message"),
+    **dict.fromkeys(("platform_position", "platform_rotation", "platform_pose"), "tip_position and tip_rotation, the platform's"),
+    **dict.fromkeys(("leg", "tube"), "rod(0), by its number or its name"),
+    **dict.fromkeys(("leg_force", "leg_forces", "leg_wrench", "leg_wrenches"), 'wrench(leg, "tip"), of each leg on the platform'),
+    **dict.fromkeys(("is_stable", "stable"), "stability"),
+    **dict.fromkeys(("displacement", "displacements", "line_lengths"), "line_length, or inputs.displacement"),
+    **dict.fromkeys(("tensions", "line_tension", "line_tensions"), "tension"),
+    **dict.fromkeys(("translation", "translations"), "inputs.translation, or of an inverse problem robot.translations(solution)"),
     "rods": "rod(0), rod(1), ..., or robot.rods",
 }  # what attributes of a solution are called elsewhere
 
@@ -56,7 +63,7 @@ class IncompleteWarning(UserWarning):
     """Of a list that is known to lack something, or may lack something at a place that is known."""
 
 
-class Solution(Wrenches[Robot_co]):
+class Solution(Asked, Wrenches[Robot_co]):
     """Equilibria of all instances; every array has the batch's leading axes ``...`` and is read-only: change a copy of it.
 
     An instance that failed has NaN in every array but ``status``, ``residual``, ``iterations`` and ``integrations``,
@@ -65,6 +72,7 @@ class Solution(Wrenches[Robot_co]):
     ``solution[index].rod(0)``.
     """
 
+    called = _OTHER_NAMES
     _remarks: Remarks | None = None  # of a task, for recordings
     _columns: derivatives.Columns | None = None  # of the pose, where the integrations of a tracker carried them
 
@@ -87,14 +95,6 @@ class Solution(Wrenches[Robot_co]):
             TypeError: If there is none.
         """
         return along(self)
-
-    if not TYPE_CHECKING:  # which knows what there is
-
-        def __getattr__(self, name: str) -> object:
-            if hasattr(type(self), name):  # it refused, and says why
-                return object.__getattribute__(self, name)
-            hint = f"; did you mean {_OTHER_NAMES[name]}?" if name in _OTHER_NAMES else ""
-            raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}", name=name, obj=None if hint else self)
 
     def jacobian(
         self: "Solution[Named[Name]]",  # type: ignore[type-var]  # a robot, by what its inputs are called

@@ -52,7 +52,7 @@ class Rod(OfSections, ReadOnly):
         shear_stiffness: ``GA`` or a pair [N]; ``inf`` (default) is unshearable.
         axial_stiffness: ``EA`` [N]; ``inf`` (default) is inextensible.
         linear_density: Mass per length [kg/m].
-        magnetisation: Magnetic moment per length in the material frame [A m]: three numbers, volume magnetisation times
+        magnetisation: Magnetic moment per length in the material frame [A m]: three numbers, that per volume [A/m] times
             cross-section.
         foundation: Stiffness per length of an elastic medium that holds each piece of the rod to its place on the line straight
             out of its base [N/m^2]: one number, or three along the axes of the base.

@@ -14,6 +14,7 @@ from multirod import plausibility
 from multirod.assembly import Assembly, Robot
 from multirod.batch import IntArray, broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
+from multirod.integrators import Integrator
 from multirod.naming import hinted
 from multirod.problem import BoundaryProblem
 from multirod.results.events import Events, placed_events
@@ -48,6 +49,7 @@ def as_solver(robot: object, solver: object) -> Solver:
     if not isinstance(solver, Solver):
         made = isinstance(solver, type) and issubclass(solver, Solver)
         hint = f": make one, {solver.__name__}()" if made else ""  # type: ignore[attr-defined]
+        hint = f": give it to one, Shooting(integrator={solver!r})" if isinstance(solver, Integrator) else hint
         raise TypeError(f"solver must be a Solver such as Shooting(), not {type(solver).__name__}{hint}")
     return solver
 
@@ -60,7 +62,10 @@ def _needs(solver: Solver) -> dict[str, Any]:
     }
 
 
-@hinted("inputs are made by the robot, solve(robot, robot.inputs(tip_force=...))")
+@hinted(
+    "inputs are made by the robot, solve(robot, robot.inputs(tip_force=...)), and options are the solver's, "
+    "solver=Shooting(tolerance=1e-9)"
+)
 def solve(
     robot: Robot,
     inputs: Inputs | None = None,
