@@ -110,7 +110,7 @@ def _record(kernel: wp.Kernel, key: str | None, dim: int, arguments: Sequence[ob
         threads = block_dim(wp.get_device(device))
         recorded: Any = wp.launch(kernel, dim=dim, inputs=list(arguments), device=device, block_dim=threads, record_cmd=True)
         try:
-            if not recorded.device.is_cpu or kernel.adj.kernel_dim != 1:
+            if not recorded.device.is_cpu:
                 return cast(Launch, recorded)
             function = Function(kernel.module.name, recorded.hooks.forward, kinds_of(kernel), recorded.module_exec)
             direct = Direct(function, dim, arguments)

@@ -245,6 +245,20 @@ def test_what_stability_expects_is_what_it_launches(kind: str, monkeypatch: pyte
 # ---- its arguments ----
 
 
+def test_a_kernel_over_two_axes_is_launched_by_warp() -> None:
+    @own_module()
+    def fill(values: wp.array2d(dtype=wp.float64)) -> None:
+        i, j = wp.tid()
+        values[i, j] = wp.float64(10 * i + j)
+
+    values = wp.zeros((2, 3), dtype=wp.float64, device="cpu")
+    launch = record(lambda: fill, (2, 3), [values], "cpu")
+    launch.launch()
+    np.testing.assert_array_equal(values.numpy(), [[0, 1, 2], [10, 11, 12]])
+    with pytest.raises(TypeError, match="the bounds of a launch have one axis"):
+        kinds_of(fill)
+
+
 def test_an_argument_of_another_kind_is_refused() -> None:
     launch = displacements()
     numbers = wp.zeros((1, 1), dtype=wp.float64, device="cpu")

@@ -124,7 +124,10 @@ def kinds_of(kernel: wp.Kernel) -> tuple[str, ...]:
 
     Raises:
         AttributeError: If one is anything else.
+        TypeError: If the kernel is launched over several axes.
     """
+    if kernel.adj.kernel_dim != 1:
+        raise TypeError("the bounds of a launch have one axis")
     types: list[Any] = [argument.type for argument in kernel.adj.args]
     return tuple(_kind_of(own) or own._type_.__name__ for own in types)
 
@@ -204,7 +207,7 @@ class Index:
 
     def keep(self, key: str, kernel: wp.Kernel, binary: Path) -> None:
         """What was made and compiled is found by other processes; where that is not possible, they make it again."""
-        with suppress(OSError, ValueError, AttributeError):
+        with suppress(OSError, ValueError, AttributeError, TypeError):
             if _files() != _FILES:  # what was imported may be neither what was there nor what is
                 return
             entry = {
