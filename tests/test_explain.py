@@ -379,6 +379,7 @@ def test_an_inverse_problem_can_be_explained():
     angle = 2 * pi * np.arange(6) / 6
     poses[:, :2, 3] = 0.06 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     inverse = mr.ParallelRods(legs=[rod] * 6, base=poses, platform=poses).inverse()
-    less, inputs = mr.explain(inverse, inverse.inputs(gravity=(0, 0, -1.0))).without("gravity", "torsion")
+    inputs = inverse.inputs(platform_position=(0, 0, 0.28), gravity=(0, 0, -1.0))
+    less, inputs = mr.explain(inverse, inputs).without("gravity", "torsion")
     assert np.isinf(less.robot.legs[0].sections[0].torsional_stiffness)
-    assert inputs.active == ()
+    assert inputs.active == ("platform_position",)
