@@ -171,10 +171,12 @@ def test_nothing_is_kept_where_the_package_has_changed(tmp_path: Path, monkeypat
     monkeypatch.setattr(index, "_file", lambda key: tmp_path / "index" / key)
     binary = Path(wp.config.kernel_cache_dir) / "of_a_test"
     binary.write_bytes(b"")
+    monkeypatch.setattr(INDEX, "_tried", set())
     INDEX.keep("key", find_displacements, binary)
     kept = tmp_path / "index" / "key"
     assert kept.exists()
     kept.unlink()
+    INDEX._tried.clear()
     monkeypatch.setattr(index, "_FILES", [])
     INDEX.keep("key", find_displacements, binary)
     binary.unlink()

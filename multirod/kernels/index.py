@@ -163,6 +163,7 @@ class Index:
 
     def __init__(self) -> None:
         self._known: dict[str, Function] = {}
+        self._tried: set[str] = set()  # to be kept, once: where it cannot be, whoever expects a kernel would try again
         self._keys: dict[Hashable, str | None] = {}
         self._settings: list[object] = []  # with which these were found
 
@@ -207,6 +208,9 @@ class Index:
 
     def keep(self, key: str, kernel: wp.Kernel, binary: Path) -> None:
         """What was made and compiled is found by other processes; where that is not possible, they make it again."""
+        if key in self._tried:
+            return
+        self._tried.add(key)
         with suppress(OSError, ValueError, AttributeError, TypeError):
             if _files() != _FILES:  # what was imported may be neither what was there nor what is
                 return
