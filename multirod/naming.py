@@ -66,8 +66,13 @@ class Asked:
         def __getattr__(self, name: str) -> object:
             if hasattr(type(self), name):  # it refused, and says why
                 return object.__getattribute__(self, name)
-            hint = f"; did you mean {self.called[name]}?" if name in self.called else ""
+            hint = self._hint(name)
             raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}", name=name, obj=None if hint else self)
+
+    @classmethod
+    def _hint(cls, name: str) -> str:
+        """What was meant by a name that is not there, as a message ends; Python's own suggestion follows none."""
+        return f"; did you mean {cls.called[name]}?" if name in cls.called else ""
 
 
 def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> None:

@@ -281,6 +281,8 @@ def _described(spec: InputSpec) -> str:
 
 
 def _default(spec: InputSpec) -> object:
-    return (
-        Parameter.empty if spec.required else None if spec.optional else 0 if spec.per_rod or spec.acts == "lines" else (0, 0, 0)
-    )
+    if spec.required:
+        return Parameter.empty
+    if spec.optional:
+        return None
+    return 0 if spec.per_rod or spec.acts == "lines" else (0, 0, 0)

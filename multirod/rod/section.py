@@ -2,12 +2,12 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from multirod import profile
-from multirod.naming import hinted, meant
+from multirod.naming import Asked, hinted, meant
 from multirod.types import AlongRod, Numbers
 from multirod.validation import (
     Described,
@@ -173,25 +173,19 @@ OF_MATERIAL = ("young_modulus", "shear_modulus", "poisson_ratio", "density")  # 
 NAMES = tuple(item.name for item in fields(Section) if not item.name.startswith("_"))
 
 
-class OfSections:
+class OfSections(Asked):
     """What has numbers by section, and says so where it is asked for one of them itself."""
 
-    if not TYPE_CHECKING:  # which knows what there is
-
-        def __getattr__(self, name: str) -> NoReturn:
-            if hasattr(type(self), name):  # it refused, and says why
-                return object.__getattribute__(self, name)
-            hint = ""
-            if name in NAMES:
-                hint = f": its sections have, rod.sections[0].{name}"
-            elif name in OF_MATERIAL:
-                made = "linear_density" if name == "density" else "bending_stiffness"
-                hint = f": it keeps what follows from it, such as rod.sections[0].{made}"
-            elif name == "diameter":
-                hint = "; did you mean 'outer_diameter'?"
-            elif not name.startswith("_"):
-                hint = meant(name, NAMES)
-            raise AttributeError(f"{type(self).__name__} has no {name!r}{hint}", name=name, obj=None if hint else self)
+    @classmethod
+    def _hint(cls, name: str) -> str:
+        if name in NAMES:
+            return f": its sections have, rod.sections[0].{name}"
+        if name in OF_MATERIAL:
+            made = "linear_density" if name == "density" else "bending_stiffness"
+            return f": it keeps what follows from it, such as rod.sections[0].{made}"
+        if name == "diameter":
+            return "; did you mean 'outer_diameter'?"
+        return "" if name.startswith("_") else meant(name, NAMES)
 
 
 def by_section(properties: dict[str, Any]) -> tuple[Section, ...]:
