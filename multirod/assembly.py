@@ -17,8 +17,7 @@ from multirod.naming import INPUTS_NAMED, OF_ROBOTS, Asked, hinted, unknown_name
 from multirod.problem import BoundaryProblem
 from multirod.read_only import ReadOnly
 from multirod.rod import Rod
-from multirod.rotations import refuse_unturned
-from multirod.validation import Described, FloatArray, array, first_of, refuse
+from multirod.validation import FloatArray, refuse
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.influence.bound import Influence
     from multirod.models.backbone.kernels.layout.features import Features
     from multirod.models.backbone.members.lines import Line
+    from multirod.results.found import Found
     from multirod.results.solution import Solution
     from multirod.solver import Solver
 else:
@@ -333,9 +333,16 @@ class Assembly(Asked, ReadOnly, ABC):
         shortest = min(float(rod.length.min()) for rod in self.rods) + float(np.min(pushed, initial=0.0))
         return self.longest + float(np.max(pushed, initial=0.0)), max(shortest, 0.01 * self.longest)
 
-    def translations_of(self, solution: "Solution[Any]") -> FloatArray:
-        """How far each rod is pushed out of its base in a solution [m], shape (..., rod_count): given, or found."""
-        return solution.inputs.translation
+    def inputs_of(self, found: "Found[Any]") -> Inputs:
+        """What is applied in a solution: as it was given, or as its unknowns say."""
+        return found._applied
+
+    def begin_at(self, unknowns: FloatArray, found: "Found[Any]", problem: BoundaryProblem, piece: Any) -> FloatArray:  # noqa: ANN401  (an index)
+        """Unknowns of a problem, (instance_count, n), by which it begins where a guess was ``found``: that guess has these.
+
+        ``piece`` says which instances of it are those of the problem, if it has more than one.
+        """
+        return unknowns
 
     def bent_at_base(self, unknowns: FloatArray) -> FloatArray | None:
         """Curvature less precurvature at the base of a single rod [1/m], shape (k, 2), by unknowns (k, n); None if these do not
@@ -379,18 +386,3 @@ if TYPE_CHECKING:
 else:  # without a default, which needs Python 3.13
     Robot = TypeVar("Robot", bound=Assembly)
     Robot_co = TypeVar("Robot_co", bound=Assembly, covariant=True)
-
-
-def pose(field: str, value: object) -> FloatArray:
-    """A checked pose (..., 4, 4); None is the identity."""
-    if value is None:
-        value = np.eye(4)
-    result = array(field, value, (4, 4))
-    if not result.size:
-        refuse(field, Described(f"array of shape {result.shape}"), "there must be a pose")
-    refuse_unturned(field, value, result, allowed="the upper left 3 x 3 block must be a rotation")
-    if (wrong := (result[..., 3, :] != [0, 0, 0, 1]).any(axis=-1)).any():
-        hint = ": it is transposed" if np.abs(result[..., :3, 3]).max() == 0 else ""
-        refuse(field, first_of(wrong, result, value), f"the last row must be 0, 0, 0, 1{hint}")
-    plausibility.of_pose(field, result)
-    return result

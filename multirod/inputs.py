@@ -12,7 +12,7 @@ from weakref import ref
 import numpy as np
 
 from multirod.batch import IntArray, along, broadcast_shapes, chosen, take
-from multirod.naming import unknown_names
+from multirod.naming import INPUTS_NAMED, hinted, unknown_names
 from multirod.profile import Profile, fit
 from multirod.read_only import ReadOnly
 from multirod.types import Index
@@ -116,6 +116,7 @@ class Inputs(ReadOnly):
     _active: tuple[str, ...] | None = None  # likewise
     _checked: "ref[Any] | None" = None  # the robot that takes them, as far as is known
 
+    @hinted(f"a robot makes them: {INPUTS_NAMED}")
     def __init__(
         self,
         specs: Sequence[InputSpec],

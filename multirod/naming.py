@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Kind = TypeVar("Kind", bound=type)
 _OTHER_NAMES: dict[str, tuple[str, ...]] = {
     other: names
     for names, others in {
@@ -38,6 +39,10 @@ _OTHER_NAMES: dict[str, tuple[str, ...]] = {
         ("clamped",): "fixed rigid welded weld",
         ("universal",): "cardan hooke gimbal",
         ("prismatic",): "slider sliding linear",
+        ("tolerance", "rtol"): "tol reltol eps accuracy xtol ftol",
+        ("max_iterations",): "max_iter maxiter iterations max_nfev",
+        ("time", "dt"): "time dt rate period sample_time timestep time_step t times",
+        ("integrator",): "steps step_count n_steps rk4 scheme",
     }.items()
     for other in others.split()
 }  # what names are called elsewhere
@@ -50,6 +55,13 @@ OF_ROBOTS = {
     **dict.fromkeys(("rod", "tube", "leg", "length", "lengths"), "rods, each of which has length and sections"),
 }  # what attributes of a robot are called elsewhere
 INPUTS_NAMED = "inputs are named, robot.inputs(tip_force=(1, 0, 0)); print(robot.input_specs) lists them"
+
+OPTIONS_NAMED = "options are named, and how rods are integrated is one of them, integrator=RK4(100) or RK45(rtol=1e-10)"
+_TAKEN_BY = {
+    **dict.fromkeys(("platform_position", "platform_rotation"), "the inverse problem of six legs takes it, robot.inverse()"),
+    **dict.fromkeys(("end_position", "end_rotation"), "a HeldRod takes it, whose end is held"),
+    **dict.fromkeys(("fixed_position", "fixed_rotation", "joint_torque", "slide_force"), "a Network takes it"),
+}  # by robots, of inputs that are no others'
 
 
 class Asked:
@@ -86,10 +98,11 @@ def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> N
 def names_checked(function: Callable[P, R]) -> Callable[P, R]:
     """The same function, which says of a name that it does not take which was probably meant."""
     names = [name for name in signature(function).parameters if name != "self"]
+    called = function.__name__ if function.__name__ != "__init__" else function.__qualname__.split(".")[-2]
 
     @wraps(function)
     def checked(*args: P.args, **options: P.kwargs) -> R:
-        unknown_names(f"{function.__name__}()", options, names)
+        unknown_names(f"{called}()", options, names)
         return function(*args, **options)
 
     return checked
@@ -99,13 +112,12 @@ def hinted(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """The same function, whose ``TypeError`` about arguments that it does not take ends in a hint."""
 
     def made(function: Callable[P, R]) -> Callable[P, R]:
-        taken = signature(function)
-
         @wraps(function)
         def checked(*args: P.args, **options: P.kwargs) -> R:
             try:
                 return function(*args, **options)
             except TypeError as error:
+                taken = signature(function)
                 try:
                     taken.bind(*args, **options)
                 except TypeError:
@@ -118,9 +130,21 @@ def hinted(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     return made
 
 
+def fields_hinted(hint: str) -> Callable[[Kind], Kind]:
+    """The same class, a dataclass, made by such a function."""
+
+    def made(kind: Kind) -> Kind:
+        setattr(kind, "__init__", hinted(hint)(vars(kind)["__init__"]))  # noqa: B010  (mypy refuses the plain one)
+        return kind
+
+    return made
+
+
 def meant(name: str, options: Iterable[str]) -> str:
     """The option that was probably meant by a name that is none, as the end of a message."""
     options = tuple(options)
+    if name in _TAKEN_BY:
+        return f"; {_TAKEN_BY[name]}"
     close = [option for option in options if option in _OTHER_NAMES.get(name.lower(), ())]
     close = close or get_close_matches(name, options, 1) or [o for o in options if name.lower() == o.lower()]
     return f"; did you mean {close[0]!r}?" if close else ""

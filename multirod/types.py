@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from multirod.frames import Framed
     from multirod.inputs import Inputs
     from multirod.results.history import History
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
     Number: TypeAlias = float | SupportsArray
     Numbers: TypeAlias = Number | Sequence[Number] | Sequence[Sequence[Number]] | Sequence[Sequence[Sequence[Number]]]
+    Poses: TypeAlias = Numbers | Framed | Sequence[Numbers | Framed]
     AlongRod: TypeAlias = Numbers | Callable[[float], Numbers]
     Precurvature: TypeAlias = AlongRod | Sequence[tuple[Numbers, AlongRod]]
     Index: TypeAlias = (
@@ -102,6 +104,9 @@ else:  # ``help`` shows these by their names, not what they stand for
 
     class Numbers:
         """A number, an array, or nested lists or tuples of them."""
+
+    class Poses:
+        """Matrices, shape (..., 4, 4), a ``Pose`` with a position and a rotation, or a list of these."""
 
     class AlongRod:
         """The same as ``Numbers``, or a function of the arclength [m] that returns it."""

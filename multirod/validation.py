@@ -26,11 +26,11 @@ ROUNDED = 1e-15  # what the length of an axis of length 1 may be off
 
 
 _POSE_HINTS: dict[tuple[int, ...], str] = {
-    (3, 3): "of a rotation alone, make a pose: np.eye(4), its [:3, :3] the rotation",
+    (3, 3): "of a rotation alone, give mr.Pose(position=(0, 0, 0), rotation=...)",
     (3, 4): "the last row 0, 0, 0, 1 is missing",
-    (3,): "of a position alone, make a pose: np.eye(4), its [:3, 3] the position",
-    (6,): "of position and angles, make a pose: np.eye(4), its [:3, 3] the position, its [:3, :3] the rotation",
-    (7,): "of position and quaternion, make a pose: np.eye(4), its [:3, 3] the position, its [:3, :3] the rotation",
+    (3,): "of a position alone, give mr.Pose(position=..., rotation=np.eye(3))",
+    (6,): "of position and angles, give mr.Pose(position=..., rotation=...), the rotation a matrix",
+    (7,): "of position and quaternion, give mr.Pose(position=..., rotation=...), the rotation a matrix",
     (16,): "reshape it to (..., 4, 4)",
 }  # by last axes
 _ROTATION_HINTS: dict[tuple[int, ...], str] = {

@@ -9,6 +9,7 @@ import warp as wp
 
 from multirod.integrators import RK45, Integrator
 from multirod.launch import record
+from multirod.naming import OPTIONS_NAMED, fields_hinted
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
 from multirod.solvers.tracking.energy_descent_kernels import NUDGE, DescentState, make_descent
@@ -18,6 +19,7 @@ from multirod.status import BoolArray, IntArray, Status
 from multirod.validation import FloatArray, boolean, positive_float, positive_int
 
 
+@fields_hinted(OPTIONS_NAMED)
 @dataclass(frozen=True, kw_only=True)
 class EnergyDescent(Solver):
     """Newton's step on the potential energy as a function of what its forces move, kept short and downhill.

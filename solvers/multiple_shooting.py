@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.integrators import RK45, Integrator
+from multirod.naming import OPTIONS_NAMED, fields_hinted
 from multirod.problem import BoundaryProblem
 from multirod.segments import Segments, placed
 from multirod.solver import Outcome, Solver, Track, knows
@@ -29,6 +30,7 @@ SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the
 ROUNDED = 0.05  # of the tolerance, that rounding may leave where the tip is held, whose pose tells nothing of what holds it
 
 
+@fields_hinted(OPTIONS_NAMED)
 @dataclass(frozen=True, kw_only=True)
 class MultipleShooting(Solver):
     """Newton's method on the states at breakpoints that are set so that no segment between two amplifies an error by much.

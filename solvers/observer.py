@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from multirod.integrators import RK45, Integrator
 from multirod.kernels.warp_types import Struct
 from multirod.launch import Launch, record
+from multirod.naming import OPTIONS_NAMED, fields_hinted
 from multirod.problem import Block, BoundaryProblem
 from multirod.solver import Outcome, Solver
 from multirod.solvers.tracking.observer_kernels import ObserverState, make_observer
@@ -32,6 +33,7 @@ SPACES = {"R": "unknowns", "Q": "residuals", "P0": "residuals"}
 LARGEST_IN_KERNEL = 8  # unknowns of a block; a larger one takes longer to compile than LAPACK takes in thousands of samples
 
 
+@fields_hinted(OPTIONS_NAMED)
 @dataclass(frozen=True, kw_only=True)
 class Observer(Solver):
     """Theorem 1 of the paper: ``x' = -R Gamma^T P eps``, one integration of each rod a sample.

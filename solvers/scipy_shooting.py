@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from multirod.integrators import RK45, Integrator
+from multirod.naming import OPTIONS_NAMED, fields_hinted
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Solver
 from multirod.status import Fault, Status
@@ -17,6 +18,7 @@ _SIMPLEX = 0.01
 METHODS = ("interior-point", "quasi-newton", "nelder-mead")
 
 
+@fields_hinted(OPTIONS_NAMED)
 @dataclass(frozen=True, kw_only=True)
 class ScipyShooting(Solver):
     """Minimises the squared residual, one instance after the other.

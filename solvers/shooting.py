@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from multirod.integrators import RK45, Integrator
+from multirod.naming import OPTIONS_NAMED, fields_hinted
 from multirod.problem import BoundaryProblem
 from multirod.solver import Left, Outcome, Solver, Track
 from multirod.solvers.newton.iteration import Newton
@@ -17,6 +18,7 @@ SIDES = ("positive", "negative")
 MOST_LEFT = 0.5  # of the instances: more are not left to be done with those of other parts of a batch
 
 
+@fields_hinted(OPTIONS_NAMED)
 @dataclass(frozen=True, kw_only=True)
 class Shooting(Solver):
     """Newton's method, one integration an iteration, with a backtracking line search.

@@ -370,9 +370,15 @@ GROUPS: dict[str, list[Mistake]] = {
         Mistake(
             "offsets of tubes in mm", "mr.EccentricTubes([inner, tube()], [(2, 0), (-2, 0)])", WARNING, "give 0.002", "metres"
         ),
-        Mistake("a rotation for a pose", "mr.SingleRod(rod(), base=np.eye(3))", ValueError, "make a pose", "shape (4, 4)"),
         Mistake(
-            "a position for a pose", "mr.SingleRod(rod(), base=(0, 0, 0.1))", ValueError, "[:3, 3] the position", "shape (4, 4)"
+            "a rotation for a pose",
+            "mr.SingleRod(rod(), base=np.eye(3))",
+            ValueError,
+            "give mr.Pose(position=(0, 0, 0)",
+            "shape (4, 4)",
+        ),
+        Mistake(
+            "a position for a pose", "mr.SingleRod(rod(), base=(0, 0, 0.1))", ValueError, "give mr.Pose(position=", "shape (4, 4)"
         ),
         Mistake(
             "position and angles for a pose",
@@ -593,6 +599,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "where a force acts in mm", "legs().inputs(force_point=(50, 0, 0))", WARNING, "if it is in mm, give 0.05", "metres"
         ),
         Mistake(
+            "the pose of a platform that is found",
+            "legs().inputs(platform_position=(0, 0, 0.4))",
+            TypeError,
+            "robot.inverse()",
+            "robot.inverse(), or mr.reach",
+        ),
+        Mistake(
             "an inverse problem without a pose",
             "legs().inverse().inputs()",
             TypeError,
@@ -745,6 +758,9 @@ GROUPS: dict[str, list[Mistake]] = {
             TypeError,
             "must be a Solver such as Shooting()",
             "mr.Shooting()",
+        ),
+        Mistake(
+            "steps of an integrator for a solver's", "mr.Shooting(steps=100)", TypeError, "integrator=RK4(100)", "an integrator"
         ),
         Mistake("a step size for steps", "mr.RK4(0.01)", ValueError, "must be an integer >= 1", "how many steps"),
         Mistake(

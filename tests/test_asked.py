@@ -1,6 +1,7 @@
 """What is asked of results and inputs that they have not is refused by a message that says what to ask instead."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,6 +89,40 @@ def test_inputs_are_named(robot):
         robot.inputs((1, 0, 0))
     with refused(TypeError, "inputs() takes no 'force'", "did you mean 'tip_force'?"):
         robot.inputs(force=(1, 0, 0))
+
+
+def test_inputs_of_other_robots_say_whose_they_are(robot):
+    with refused(TypeError, "takes no 'end_rotation'", "a HeldRod takes it"):  # not a hint at 'rotation', which is alike
+        robot.inputs(end_rotation=(0, 0, 0.1))
+    circle = [mr.Pose(position=(*at, 0), rotation=np.eye(3)) for at in ((0.1, 0), (-0.1, 0), (0, 0.1))]
+    legs = mr.ParallelRods(legs=robot.rods * 3, base=circle, platform=circle)
+    for name in ("platform_position", "platform_rotation"):
+        with refused(TypeError, f"takes no {name!r}", "the inverse problem of six legs takes it, robot.inverse()"):
+            legs.inputs(**{name: (0, 0, 0.39)})
+    with refused(TypeError, "unexpected keyword argument 'tip_force': a robot makes them", "robot.inputs(tip_force="):
+        mr.Inputs(tip_force=(1, 0, 0))
+
+
+@pytest.mark.parametrize("kind", [mr.Shooting, mr.Observer, mr.EnergyDescent, mr.MultipleShooting, mr.ScipyShooting])
+def test_solvers_have_integrators_that_have_steps(kind):
+    with refused(TypeError, "argument 'steps'", "integrator=RK4(100)", "did you mean 'integrator'?"):
+        kind(steps=100)
+    with refused(TypeError, "argument 'tol'", "did you mean 'tolerance'?"):
+        kind(tol=1e-9)
+    assert replace(kind(), integrator=mr.RK4(7)).integrator.steps == 7
+
+
+def test_options_that_are_not_there_say_which_are(robot, one):
+    with refused(TypeError, "argument 'wrt'", 'what it is by comes first, jacobian("rotation", "tip_force")'):
+        one.jacobian(wrt="rotation")
+    with refused(TypeError, "3 were given", 'vjp(cotangent, wrt=("rotation", "tip_force"))'):
+        one.vjp((1, 0, 0), "rotation")
+    with refused(TypeError, "simulate() takes no 'dt'", "did you mean 'time'?"):
+        mr.simulate(robot, robot.inputs(), dt=0.1)
+    with refused(TypeError, "Tracker() takes no 'rate'", "did you mean 'dt'?"):
+        mr.Tracker(robot, rate=500)
+    with refused(TypeError, "estimate() takes no 'unknowns'", "did you mean 'unknown'?"):
+        mr.estimate(robot, unknowns={}, measured=mr.Pose(position=(0, 0, 0.4), sigma=1e-3))
 
 
 def test_what_guesses_may_be(robot, one, make_tube):

@@ -111,11 +111,30 @@ def test_columns_of_tubes_by_differences():
         np.testing.assert_allclose(columns[..., k], slope, atol=1e-3 + 1e-4 * np.abs(slope).max())
 
 
+def test_a_gauge_at_the_clamp(wire):
+    """The bending at the base is the moment there, and says two numbers of the force: what is left is the prior's."""
+    robot, force = mr.SingleRod(wire), np.array([0.1, -0.05, 0.2])
+    truth = mr.solve(robot, robot.inputs(tip_force=force))
+    bent = truth.along(0.0, of="curvature")[:2]
+    found = mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=0.0, value=bent, sigma=1e-3)).raise_if_failed()
+    there = found.solution.along(0.0, of="curvature")[:2]
+    # the prior pulls by about sigma^2 times force over SIGMA^2, over the compliance of some 10 1/(m N)
+    np.testing.assert_allclose(there, bent, rtol=0, atol=1e-4)
+    by_force = found.solution.jacobian("tip_force", of="curvature", at=0.0)[:2]
+    information = by_force.T @ by_force / 1e-6 + np.eye(3) / SIGMA**2
+    np.testing.assert_allclose(found.covariance("tip_force"), np.linalg.inv(information), rtol=1e-4, atol=1e-9)
+    both = [mr.Curvature(at=(0.0, 0.2), value=truth.along((0.0, 0.2), of="curvature"), sigma=1e-3)]
+    # where a marker at the base is, loads do not tell, nor does it spoil anything
+    both.append(mr.Pose(position=(0, 0, 0), at=0.0, sigma=1e-3))
+    found = mr.estimate(robot, unknown=PRIOR, measured=both).raise_if_failed()
+    np.testing.assert_allclose(found.value("tip_force"), force, atol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"at": (0.2, 0.1)}, "Curvature.at = .*rising"),
-        ({"at": (0.0, 0.1)}, "Curvature.at = .*> 0"),
+        ({"at": (-0.1, 0.1)}, "Curvature.at = .*>= 0"),
         ({"value": np.zeros((3, 2))}, r"Curvature.value.*must be \(..., 2, 2\)"),
         ({"value": np.zeros((2, 4))}, "Curvature.value"),
         ({"sigma": 0}, "Curvature.sigma = 0 .*> 0"),

@@ -259,6 +259,28 @@ def test_what_is_refused(wire):
         _ = mr.solve(robot, robot.inputs()).end_force
 
 
+def test_a_pose_is_a_frame(wire):
+    """Wherever a matrix is taken: one function reads all."""
+    turned = Rotation.from_rotvec((0.3, -0.2, 0.5)).as_matrix()
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turned, (0.1, 0.02, 0.3)
+    pose = mr.Pose(position=matrix[:3, 3], rotation=turned)
+    for made in (lambda own: mr.HeldRod(wire, end=own).end, lambda own: mr.SingleRod(wire, base=own).base):
+        np.testing.assert_array_equal(made(pose), matrix)
+    body = mr.Body("plate", pose=pose, frames={"left": pose})
+    np.testing.assert_array_equal([body.pose, body.frame("left")], [matrix, matrix])
+    np.testing.assert_array_equal(mr.Joint("wire", "tip", to=body, pose=pose).pose, matrix)
+    legs = mr.ParallelRods(legs=[wire] * 2, base=[pose, np.eye(4)], platform=mr.Pose(position=np.zeros((2, 3)), rotation=turned))
+    np.testing.assert_array_equal(legs.base, [matrix, np.eye(4)])
+    np.testing.assert_array_equal(legs.platform[:, :3, :3], [turned, turned])
+    with pytest.raises(ValueError, match=r"HeldRod\.end = Pose\(position.* must have a position and a rotation: "):
+        mr.HeldRod(wire, end=mr.Pose(position=(0, 0, 0.3)))
+    with pytest.raises(ValueError, match=r"SingleRod\.base = .* without sigma, covariance, at and across"):
+        mr.SingleRod(wire, base=mr.Pose(position=(0, 0, 0.3), rotation=turned, sigma=(1e-3, 1e-2)))
+    with pytest.raises(ValueError, match=r"ParallelRods\.base = poses of shapes \[\(4, 4\), \(2, 4, 4\)\] .* must be alike"):
+        mr.ParallelRods(legs=[wire] * 2, base=[pose, legs.platform], platform=legs.platform)
+
+
 BY_STEPS = {"rotation": 3e-3, "end_position": 1e-3, "end_rotation": 3e-3, "tip_force": 3e-2, "gravity": 3e-2}
 
 

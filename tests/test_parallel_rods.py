@@ -11,6 +11,7 @@ from multirod.models.platform.problem import ParallelProblem
 from multirod.models.platform.starting import closing
 from multirod.models.platform.starting.guess import BeamEquilibrium, _joint_stiffness, fitted_platform
 from multirod.problem import BoundaryProblem
+from multirod.results.strains import strains
 from multirod.solvers.continuation.paths import SINGULAR, Paths
 from multirod.status import Fault
 
@@ -261,6 +262,15 @@ def test_the_inverse_problem_undoes_the_forward_one():
     np.testing.assert_allclose(found.tip_rotation, forward.tip_rotation, atol=1e-14)
     for k in range(6):
         np.testing.assert_allclose(found.rod(k).position, forward.rod(k).position, atol=1e-8)
+    np.testing.assert_array_equal(found.inputs.translation, inverse.translations(found))  # zeros, before
+    assert set(found.inputs.given) == {"platform_position", "platform_rotation", "translation", *loads}
+    # (10) counted from what was found, or from elsewhere, a guess is at the same place: nothing is left to be done
+    for origin in (found.inputs.translation, 0.01 * np.arange(6)):
+        given = inverse.inputs(translation=origin, platform_position=forward.tip_position, platform_rotation=turn, **loads)
+        again = mr.solve(inverse, given, solver=EXACT, guess=found).raise_if_failed()
+        # counted from elsewhere, rounding of the translations may be worth a step
+        assert again.iterations <= 1
+        np.testing.assert_allclose(again.inputs.translation, translation, atol=1e-9)
 
 
 def test_along_legs_of_the_inverse_problem():
@@ -269,11 +279,14 @@ def test_along_legs_of_the_inverse_problem():
     sections = [
         mr.Section(length=length, bending_stiffness=EI, torsional_stiffness=0.8 * EI) for length, EI in ((0.15, 0.2), (0.25, 0.1))
     ]
-    robot = hexapod(legs=[mr.Rod(sections=sections)] * 6)
+    robot = hexapod(legs=[mr.Rod(sections=sections, outer_diameter=3e-3)] * 6)
     translation, force = np.array([0.01, -0.005, 0.02, 0.0, 0.015, -0.01]), (0.5, -0.3, -1.0)
     forward = mr.solve(robot, robot.inputs(translation=translation, tip_force=force), solver=EXACT).raise_if_failed()
     inverse = robot.inverse()
     found = mr.solve(inverse, inverse_inputs(inverse, forward, tip_force=force), solver=EXACT).raise_if_failed()
+    # of the sections where they are, not where they would be if no leg was pushed along
+    bent, told = (strains(own, 2, own.rod(2))["bending"] for own in (found, forward))
+    np.testing.assert_allclose(bent, told, rtol=0, atol=1e-8 * told.max())
     at, by_pose = (0.1, 0.3), np.linalg.inv(forward.jacobian("translation"))
     for of in ("position", "rotation", "curvature"):
         by_translation, by_force = np.split(forward.jacobian("translation", "tip_force", of=of, at=at, rod=2), [6], axis=-1)
@@ -395,6 +408,7 @@ def test_the_inverse_problem_returns_no_unstable_equilibrium_from_a_guess(presse
     found = mr.solve(inverse, inputs, guess=guess)
     assert found.status is mr.Status.UNSTABLE
     assert np.isnan(inverse.translations(found)).all()
+    assert np.isnan(found.inputs.translation).all()
     assert np.isnan(found.tip_position).all()
     # the residual does not tell
     assert found.residual < 1e-9
@@ -413,6 +427,7 @@ def test_translations_are_those_of_the_instances_at_hand():
     found = mr.solve(inverse, inverse.inputs(platform_position=centre)).raise_if_failed()
     np.testing.assert_array_equal(inverse.translations(found[::-1]), inverse.translations(found)[::-1])
     np.testing.assert_array_equal(inverse.translations(found[1]), inverse.translations(found)[1])
+    np.testing.assert_array_equal(found[1].inputs.translation, inverse.translations(found)[1])
     with pytest.raises(TypeError, match=r"takes a solution of an inverse problem; this is one of ParallelRods$"):
         inverse.translations(mr.solve(robot))
 

@@ -16,7 +16,7 @@ from multirod.models.backbone.checks import surely_driven
 from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, TUBE_INPUTS, drive_specs
 from multirod.naming import hinted
 from multirod.rod import Rod
-from multirod.types import Numbers
+from multirod.types import Poses
 from multirod.validation import Described, FloatArray, refuse, sequence
 
 SAME_PLACE = 1e-12  # [m]: bases this close are at the same place
@@ -34,7 +34,7 @@ class ConcentricTubes(BackboneAssembly):
 
     Args:
         tubes: Innermost first, 1 to 6.
-        base: Pose of the plate in the world, shape (..., 4, 4); the identity by default.
+        base: Pose of the plate in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
 
     Raises:
         ValueError: If tubes do not nest (where diameters are given), or shear, or have members that are no lines, or a line with
@@ -45,7 +45,7 @@ class ConcentricTubes(BackboneAssembly):
     transmission = True
 
     @hinted("tubes are one list, ConcentricTubes([inner, outer])")
-    def __init__(self, tubes: Sequence[Rod], *, base: Numbers | None = None) -> None:
+    def __init__(self, tubes: Sequence[Rod], *, base: Poses | None = None) -> None:
         sequence("ConcentricTubes.tubes", tubes, Rod, "Rod, innermost first")
         if not 1 <= len(tubes) <= 6:
             refuse("ConcentricTubes.tubes", f"{len(tubes)} tubes", "must be 1 to 6")

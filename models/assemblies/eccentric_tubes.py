@@ -16,7 +16,7 @@ from multirod.models.backbone.derivatives.designs import BY_LOAD
 from multirod.models.backbone.inputs import BY_MATERIAL, TUBE_INPUTS
 from multirod.naming import hinted
 from multirod.rod import Rod, RodArrays, lower
-from multirod.types import Numbers
+from multirod.types import Numbers, Poses
 from multirod.validation import FloatArray, array, refuse, sequence
 
 MOST_TUBES = 6
@@ -38,7 +38,7 @@ class EccentricTubes(BackboneAssembly):
     Args:
         tubes: 1 to 6, in any order.
         offsets: Of the tubes from the line [m], shape (len(tubes), 2).
-        base: Pose of the plate in the world, shape (..., 4, 4); the identity by default.
+        base: Pose of the plate in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
 
     Raises:
         ValueError: If tubes shear, differ in stiffness between their axes, are magnetised, or have members, lines or a
@@ -49,7 +49,7 @@ class EccentricTubes(BackboneAssembly):
     transmission = True
 
     @hinted("tubes are one list, and offsets another, EccentricTubes([left, right], offsets=[(0.002, 0), (-0.003, 0)])")
-    def __init__(self, tubes: Sequence[Rod], offsets: Numbers, *, base: Numbers | None = None) -> None:
+    def __init__(self, tubes: Sequence[Rod], offsets: Numbers, *, base: Poses | None = None) -> None:
         sequence("EccentricTubes.tubes", tubes, Rod, "Rod")
         if not 1 <= len(tubes) <= MOST_TUBES:
             refuse("EccentricTubes.tubes", f"{len(tubes)} tubes", f"must be 1 to {MOST_TUBES}")

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, Unpack
 import numpy as np
 
 from multirod import plausibility
-from multirod.assembly import Assembly, Backbone, pose
+from multirod.assembly import Assembly, Backbone
 from multirod.batch import IntArray
+from multirod.frames import pose
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import RK45, Integrator
 from multirod.models.assemblies.inputs import HeldRodInput, HeldRodInputs, listed
@@ -20,10 +21,11 @@ from multirod.models.backbone.terms import scene_features
 from multirod.models.held.holders import END_INPUTS, POSE_INPUTS, ROD_INPUTS, TIP_SPECS, HeldOptions, Holders
 from multirod.models.held.problem import HeldProblem
 from multirod.models.joint_kernels import JOINTS
+from multirod.naming import names_checked
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod
-from multirod.types import Numbers
+from multirod.types import Numbers, Poses
 from multirod.validation import Described, FloatArray, array, choice, directions, frozen, refuse
 
 INPUTS = (*ROD_INPUTS[:2], *END_INPUTS, *TIP_SPECS, *ROD_INPUTS[2:])
@@ -42,7 +44,7 @@ class HeldRod(Assembly):
     Args:
         rod: The rod. Its lines may be driven by displacement, and it may have a foundation and loads of its own, only
             where the base is clamped.
-        base: Pose of what holds the base, in the world, shape (..., 4, 4); the identity by default.
+        base: Pose of what holds the base, in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
         end: Pose of what holds the end, in the world, shape (..., 4, 4), where ``end_position`` and ``end_rotation`` are zero; by
             default that of the end of the rod at rest.
         joint: At the end: ``"clamped"``, ``"revolute"`` (free to turn about its axis), or ``"spherical"`` (no moment).
@@ -59,12 +61,13 @@ class HeldRod(Assembly):
     length_columns: ClassVar[bool] = True
     end_held: ClassVar[bool] = True
 
+    @names_checked
     def __init__(
         self,
         rod: Rod,
         *,
-        base: Numbers | None = None,
-        end: Numbers | None = None,
+        base: Poses | None = None,
+        end: Poses | None = None,
         joint: Joint = "clamped",
         joint_axis: Numbers | None = None,
         slide: Numbers | None = None,

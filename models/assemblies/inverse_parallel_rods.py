@@ -20,9 +20,10 @@ from multirod.models.platform.problem import ParallelProblem
 from multirod.reuse import reusable
 from multirod.rod import Rod
 from multirod.rotations import matrices
-from multirod.validation import Described, FloatArray, array, instance, refuse
+from multirod.validation import Described, FloatArray, array, frozen, instance, refuse
 
 if TYPE_CHECKING:
+    from multirod.results.found import Found
     from multirod.results.solution import Solution
 
 POSE_INPUTS = (
@@ -37,7 +38,8 @@ class InverseParallelRods(Assembly):
     """Six legs and a given pose of their platform: the translations that lead there; see ``ParallelRods.inverse``.
 
     The pose is given by the inputs ``platform_position`` [m] and ``platform_rotation`` (rotation vector in the world [rad]); the
-    loads are those of ``ParallelRods``. Unknowns are counted from an input ``translation``. ``translations`` reads the result.
+    loads are those of ``ParallelRods``. Unknowns are counted from an input ``translation``; in a solution,
+    ``inputs.translation`` is what was found, for the drives.
 
     Every equilibrium that is found, also from a guess and along a motion, is tested: an unstable one is a failure with the status
     ``UNSTABLE``, one whose translations are beyond ``limits`` or leave no leg in use is ``OUT_OF_LIMITS``.
@@ -116,8 +118,8 @@ class InverseParallelRods(Assembly):
     def with_rods(self, rods: Sequence[Rod]) -> "InverseParallelRods":  # noqa: D102
         return InverseParallelRods(self.robot.with_rods(rods), limits=self.limits)
 
-    def translations(self, solution: "Solution") -> FloatArray:
-        """Translation of each leg [m], shape (..., 6); NaN where the solution failed.
+    def translations(self, solution: "Found") -> FloatArray:
+        """Translation of each leg [m], shape (..., 6), as ``solution.inputs.translation``; NaN where the solution failed.
 
         Raises:
             TypeError: If the solution is none of an inverse problem.
@@ -125,25 +127,33 @@ class InverseParallelRods(Assembly):
         robot = solution.assembly
         if not isinstance(robot, InverseParallelRods):
             raise TypeError(f"translations() takes a solution of an inverse problem; this is one of {type(robot).__name__}")
-        return np.asarray(solution.inputs.translation + robot._lengths(solution) ** 2 * solution.unknowns[..., -6:])
+        return np.asarray(solution._applied.translation + robot._lengths(solution) ** 2 * solution.unknowns[..., -6:])
 
-    def _lengths(self, solution: "Solution") -> FloatArray:
+    def inputs_of(self, found: "Found") -> Inputs:
+        """With the translations that were found, NaN of what failed."""
+        arrays = found._applied.arrays | {"translation": frozen(self.translations(found))}
+        return found._applied.with_arrays(arrays, found.batch_shape)
+
+    def begin_at(self, unknowns: FloatArray, found: "Found", problem: Any, piece: Any) -> FloatArray:  # noqa: ANN401  (an index)
+        """(10) Counted from the translations that the problem is given."""
+        given = found._each(found._applied.translation)
+        more = (given if len(given) == 1 else given[piece]) - problem.read("inputs")[:, problem.input_slice("translation")]
+        return np.concatenate([unknowns[:, :-6], unknowns[:, -6:] + more / problem.length[:, :6] ** 2], axis=1)
+
+    def _lengths(self, solution: "Found") -> FloatArray:
         lengths = self.geometry.scales()[0].reshape(*self.geometry.batch_shape, -1)[..., :-1]
         return solution._parameter(lengths, 1)  # of the instances at hand: a solution may hold some of a batch of robots
 
     def beyond_limits(self, solution: "Solution", instance: int) -> str:  # noqa: D102
         length = np.broadcast_to(self._lengths(solution), (*solution.batch_shape, 6)).reshape(-1, 6)[instance]
         x = solution._records[instance, solution._scene.fields["unknowns"]][-6:]
-        found = solution._each(solution.inputs.translation)[instance] + length**2 * x
+        found = solution._each(solution._applied.translation)[instance] + length**2 * x
         low, high = np.maximum(self.limits[0], -length), self.limits[1]
         beyond = np.maximum(low - found, found - high)
         k = int(beyond.argmax())
         if not beyond[k] >= 0:
             return ""
         return f", the translation of leg {k} would be {found[k]:.4g} m, allowed are {low[k]:.4g} to {high[k]:.4g}"
-
-    def translations_of(self, solution: "Solution") -> FloatArray:  # noqa: D102
-        return self.translations(solution)
 
     def __repr__(self) -> str:
         limits = f"limits={self.limits.tolist()}" if np.isfinite(self.limits).any() else ""

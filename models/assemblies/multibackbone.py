@@ -8,11 +8,13 @@ from multirod.models.assemblies.network import Network
 from multirod.models.network.joining.bodies import Body, Ground, ground, standing
 from multirod.models.network.joining.joints import HOLES, Joint
 from multirod.models.network.joining.sliding import piece, uniform
+from multirod.naming import names_checked
 from multirod.rod import Rod
-from multirod.types import Numbers
+from multirod.types import Numbers, Poses
 from multirod.validation import FloatArray, array, choice, nonnegative_float, positive_int, refuse
 
 
+@names_checked
 def multibackbone(
     backbone: Rod,
     rods: Sequence[Rod],
@@ -22,7 +24,7 @@ def multibackbone(
     hole: str = "cylindrical",
     disc_mass: float = 0.0,
     to: Body | Ground = ground,
-    base: Numbers | None = None,
+    base: Poses | None = None,
 ) -> Network:
     """A backbone that is clamped to discs, and rods beside it that slide through holes of these and are pushed at their bases.
 
@@ -39,7 +41,7 @@ def multibackbone(
             ``Joint``.
         disc_mass: Of each disc [kg].
         to: What it stands on: ``mr.ground``, or a fixed body, which inputs move.
-        base: Pose of the ground in the world, shape (..., 4, 4); the identity by default.
+        base: Pose of the ground in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
 
     Returns:
         The network: ``robot.inputs(translation={"rod 0": -0.002}, force={"disc 5": (0, 0, -1)})``. ``translation`` pushes a rod

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
 
 import numpy as np
 
-from multirod.assembly import Assembly, Backbone, pose
+from multirod.assembly import Assembly, Backbone
 from multirod.batch import IntArray
 from multirod.elimination import Elimination
+from multirod.frames import pose
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
@@ -48,7 +49,7 @@ from multirod.models.network.problem import NetworkProblem
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod
-from multirod.types import Numbers
+from multirod.types import Poses
 from multirod.validation import FloatArray, refuse, sequence
 
 
@@ -69,7 +70,7 @@ class Network(Assembly):
         end_effector: A body that moves, or with the name of one of its ``frames``, ``("top", "tool")``; or the name of a rod,
             whose tip it is; by default the last such body, or where there is none, the first rod whose tip is free, or else the
             first.
-        base: Pose of the ground in the world, shape (..., 4, 4); the identity by default.
+        base: Pose of the ground in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
 
     Attributes:
         bodies: As given.
@@ -93,7 +94,7 @@ class Network(Assembly):
         bodies: Sequence[Body] = (),
         joints: Sequence[Joint],
         end_effector: Body | str | tuple[Body | str, str] | None = None,
-        base: Numbers | None = None,
+        base: Poses | None = None,
     ) -> None:
         kinds = (Rod, ConcentricTubes)
         if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, kinds) for rod in rods.values()):

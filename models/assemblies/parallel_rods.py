@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod import plausibility
-from multirod.assembly import Assembly, Backbone, pose
+from multirod.assembly import Assembly, Backbone
 from multirod.batch import IntArray
+from multirod.frames import pose
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import (
@@ -35,10 +36,11 @@ from multirod.models.platform.derivatives.designs import PARAMETERS, parameter_s
 from multirod.models.platform.geometry import Geometry
 from multirod.models.platform.inputs import LEG_INPUTS, PLATFORM_INPUTS
 from multirod.models.platform.problem import ParallelProblem
+from multirod.naming import names_checked
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod
-from multirod.types import Numbers
+from multirod.types import Numbers, Poses
 from multirod.validation import Described, FloatArray, array, choice, directions, nonnegative_float, refuse
 
 if TYPE_CHECKING:
@@ -62,7 +64,7 @@ class ParallelRods(Assembly):
 
     Args:
         legs: 2 to 12, each a ``Rod`` or a ``ConcentricTubes`` (whose own base is not used).
-        base: Pose of each leg's base in the world, shape (..., leg_count, 4, 4).
+        base: Pose of each leg's base in the world, shape (..., leg_count, 4, 4), or a list of ``Pose``, one a leg.
         platform: Pose of each leg's attachment in the platform's frame, shape (..., leg_count, 4, 4): a clamped tip takes it.
         joints: At the platform: ``"clamped"``, ``"spherical"`` (no moment), or ``"revolute"`` (free to turn about its axis),
             for all legs or one for each.
@@ -78,12 +80,13 @@ class ParallelRods(Assembly):
 
     length_columns: ClassVar[bool] = True
 
+    @names_checked
     def __init__(
         self,
         *,
         legs: Sequence[Rod | ConcentricTubes],
-        base: Numbers,
-        platform: Numbers,
+        base: Poses,
+        platform: Poses,
         joints: Literal["clamped", "spherical", "revolute"] | Sequence[str] = "clamped",
         joint_axes: Numbers | None = None,
         platform_mass: float = 0.0,

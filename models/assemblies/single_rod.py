@@ -13,7 +13,7 @@ from multirod.models.backbone.checks import surely_driven
 from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_INPUTS, DRIVES, TIP_CURVATURE, drive_specs
 from multirod.naming import hinted
 from multirod.rod import Rod
-from multirod.types import Numbers
+from multirod.types import Poses
 from multirod.validation import refuse
 
 
@@ -27,7 +27,7 @@ class SingleRod(BackboneAssembly):
 
     Args:
         rod: The rod.
-        base: Pose of the base in the world, shape (..., 4, 4); the identity by default.
+        base: Pose of the base in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
 
     Raises:
         ValueError: If ``base`` is not a pose.
@@ -35,7 +35,7 @@ class SingleRod(BackboneAssembly):
     """
 
     @hinted("it is made of a rod, SingleRod(Rod(...)), which has length, stiffnesses and lines")
-    def __init__(self, rod: Rod, *, base: Numbers | None = None) -> None:
+    def __init__(self, rod: Rod, *, base: Poses | None = None) -> None:
         if not isinstance(rod, Rod):
             several = isinstance(rod, (list, tuple)) and all(isinstance(item, Rod) for item in rod)
             hint = ": of several rods, make ConcentricTubes, EccentricTubes or ParallelRods" if several else ""

@@ -8,19 +8,21 @@ from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.models.joint_kernels import JOINTS
 from multirod.models.network.joining.bodies import Body, Ground, ground, standing
 from multirod.models.network.joining.joints import Joint
+from multirod.naming import names_checked
 from multirod.rod import Rod
-from multirod.types import Numbers
+from multirod.types import Poses
 from multirod.validation import Described, refuse
 
 PAIR = ("lower", "upper")
 
 
+@names_checked
 def stacked(
     *robots: ParallelRods,
     names: Sequence[str] | None = None,
     end_effector: str | None = None,
     to: Body | Ground = ground,
-    base: Numbers | None = None,
+    base: Poses | None = None,
 ) -> Network:
     """Parallel robots on top of each other: the legs of each stand on the platform of the one before.
 
@@ -33,7 +35,7 @@ def stacked(
             ``"level 2"``, ...
         end_effector: Name of a platform; the last by default.
         to: What the first stands on: ``mr.ground``, or a fixed body, which inputs move.
-        base: Pose of the ground in the world, shape (..., 4, 4); the identity by default.
+        base: Pose of the ground in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
 
     Returns:
         The network: loads are given by the names of platforms, ``robot.inputs(force={"upper": (0, 0, -2)})``, what legs do by

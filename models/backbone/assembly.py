@@ -6,8 +6,9 @@ from typing import Any, ClassVar, Self, Unpack
 
 import numpy as np
 
-from multirod.assembly import Assembly, Backbone, pose
+from multirod.assembly import Assembly, Backbone
 from multirod.batch import IntArray, broadcast_shapes, take
+from multirod.frames import pose
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.integrators import Integrator
 from multirod.models.backbone.checks import check_drives, check_reach
@@ -24,7 +25,7 @@ from multirod.profile import Profile
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod, RodArrays, lower
-from multirod.types import Numbers
+from multirod.types import Poses
 from multirod.validation import Described, FloatArray, frozen, refuse
 
 
@@ -42,7 +43,7 @@ class BackboneAssembly(Assembly):
     length_columns: ClassVar[bool] = True
     transmission: ClassVar[bool] = False  # whether the rods twist behind the base plate
 
-    def __init__(self, rods: tuple[Rod, ...], base: Numbers | None) -> None:
+    def __init__(self, rods: tuple[Rod, ...], base: Poses | None) -> None:
         field = f"{type(self).__name__}.base"
         self.rods = rods
         self.base = pose(field, base)

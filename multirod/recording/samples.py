@@ -39,14 +39,14 @@ def first_instances(history: History, count: int) -> History:
     kept = min(count, total)
     rows = np.arange(samples * total).reshape(samples, total)[:, :kept].reshape(-1)
     arrays = {}
-    for name in history.inputs.arrays:
-        value = getattr(history.inputs, name)
+    for name in history._applied.arrays:
+        value = getattr(history._applied, name)
         arrays[name] = np.broadcast_to(value, (*history.batch_shape, value.shape[-1])).reshape(samples, total, -1)[:, :kept]
     return History(
         replace(history._scene, batch_shape=(samples, kept)),
         history._records[rows],
         history._outcome.take(rows),
-        history.inputs.with_arrays(arrays, (samples, kept)),
+        history._applied.with_arrays(arrays, (samples, kept)),
         time=history.time,
         step_time=history.step_time,
         description=history.description,

@@ -172,7 +172,7 @@ def places_of(solution: "Solution[Any]", at: Numbers | None, rod: int) -> FloatA
     if places.ndim != 1 or not places.size or (np.diff(places) <= 0).any():
         refuse("at", at, "must be one arclength or several, rising")
     sections = [[solution._parameter(section.length, 0) for section in own.sections] for own in solution.assembly.rods]
-    return places_on(sections, solution.assembly.translations_of(solution), places, rod)
+    return places_on(sections, solution.inputs.translation, places, rod)
 
 
 def places_on(sections: Sequence[Sequence[FloatArray]], translation: FloatArray, places: FloatArray, rod: int) -> FloatArray:

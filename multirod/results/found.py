@@ -79,10 +79,10 @@ class Found(Undecided, ReadOnly, Generic[Robot_co]):
             return self._scene.unpack(self._records[:, self._scene.fields["inputs"]])
         return self._inputs
 
-    @property
+    @cached_property
     def inputs(self) -> Inputs:
-        """What was applied."""
-        return self._applied
+        """What was applied; where the robot itself finds some of it, as an inverse problem its translations, what was found."""
+        return self.assembly.inputs_of(self)
 
     @cached_property
     def _applied(self) -> Inputs:

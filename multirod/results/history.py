@@ -210,8 +210,8 @@ def alike(one: Solution[Any], other: Solution[Any]) -> bool:
     """Whether two samples of a robot can be part of one history: the same records, the same inputs by name."""
     return one._scene is other._scene or (
         one._scene.fields == other._scene.fields
-        and one.inputs.given == other.inputs.given
-        and all(other.inputs.profile(name) is profile for name, profile in one.inputs.profiles.items())
+        and one._applied.given == other._applied.given
+        and all(other._applied.profile(name) is profile for name, profile in one._applied.profiles.items())
     )
 
 

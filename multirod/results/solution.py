@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from os import PathLike
-from typing import Any, Literal, Self, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Self, Unpack
 
 import numpy as np
 
 from multirod.assembly import Robot_co
 from multirod.batch import Instances, along, chosen
-from multirod.naming import Asked, names_checked
+from multirod.naming import Asked, hinted, names_checked
 from multirod.results import derivatives
 from multirod.results.remarks import Remarks
 from multirod.results.wrenches import Wrenches
@@ -138,6 +138,9 @@ class Solution(Asked, Wrenches[Robot_co]):
     def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str | None) -> FloatArray:
         return derivatives.jacobian(self, names, of, at, rod)
 
+    if not TYPE_CHECKING:  # which knows its names
+        jacobian = hinted('what it is by comes first, jacobian("rotation", "tip_force")')(jacobian)
+
     def along(
         self,
         at: Numbers,
@@ -188,6 +191,9 @@ class Solution(Asked, Wrenches[Robot_co]):
             TypeError, ValueError, NotImplementedError: As for ``jacobian``, or if the cotangent does not fit.
         """
         return derivatives.vjp(self, cotangent, of, wrt)
+
+    if not TYPE_CHECKING:
+        vjp = hinted('what it is by is named, vjp(cotangent, wrt=("rotation", "tip_force"))')(vjp)
 
     @cached_property
     def stiffness(self) -> FloatArray:

@@ -15,7 +15,7 @@ from multirod.assembly import Assembly, Robot
 from multirod.batch import IntArray, broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
-from multirod.naming import hinted
+from multirod.naming import hinted, names_checked
 from multirod.problem import BoundaryProblem
 from multirod.results.events import Events, placed_events
 from multirod.results.history import History
@@ -153,6 +153,7 @@ def solve(
     return solution
 
 
+@names_checked
 def simulate(
     robot: Robot,
     inputs: Inputs,
@@ -346,13 +347,14 @@ def unknowns_of_guess(guess: object, problem: BoundaryProblem, count: int, piece
         refuse("guess", Described(f"array of shape {values.shape}"), f"must broadcast to {count} instances")
     rows = flat if len(flat) == 1 else flat[piece]
     try:
-        return np.array(problem.adopt(np.broadcast_to(rows, (problem.instance_count, rows.shape[1]))))
+        known = np.array(problem.adopt(np.broadcast_to(rows, (problem.instance_count, rows.shape[1]))))
     except ValueError:
         if not isinstance(guess, Solution):
             raise
         kind, size = type(guess.assembly).__name__, rows.shape[1]
         given = f"a {type(guess).__name__} of {kind} that has {size} unknowns{' an instance' * bool(guess.batch_shape)}"
         refuse("guess", Described(given), f"must be of this robot, which has {problem.unknown_count} here")
+    return guess.assembly.begin_at(known, guess, problem, piece) if isinstance(guess, Solution) else known
 
 
 def even_times(time: object) -> tuple[FloatArray, float]:

@@ -14,7 +14,7 @@ from multirod.assembly import Assembly, Robot_co
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.models.assemblies.inputs import KnownInputs
-from multirod.naming import unknown_names
+from multirod.naming import names_checked, unknown_names
 from multirod.results.derivatives import Columns, known_names, twins_of
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
@@ -85,6 +85,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
     instead = "make a new Tracker(robot, solver=..., dt=..., inputs=tracker.inputs, guess=solution)"
     _options: Mapping[str, Any] | None = None  # of the problem, beside what the solver needs
 
+    @names_checked
     def __init__(
         self,
         robot: Robot_co,

@@ -11,6 +11,7 @@ from multirod.assembly import Assembly
 from multirod.budget import Budget, Spent
 from multirod.inputs import Inputs
 from multirod.integrators import RK45
+from multirod.naming import names_checked
 from multirod.profile import Profile
 from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.running.simulation import solve, unknowns_of_guess
@@ -98,6 +99,7 @@ class CriticalLoads(tuple[CriticalLoad, ...]):
         return f"CriticalLoads({list(self)}, reached {self.reached:.6g}{unsure})"
 
 
+@names_checked
 def critical_loads(
     robot: Assembly,
     inputs: Inputs,

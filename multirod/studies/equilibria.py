@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.budget import Budget, Spent
 from multirod.inputs import Inputs
+from multirod.naming import names_checked
 from multirod.problem import BoundaryProblem
 from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.running.simulation import solve
@@ -82,6 +83,7 @@ class Equilibria(Solution[Robot_co]):
         return whole + (f"; {self.missing} missing at least" if self.missing else super()._without)
 
 
+@names_checked
 def equilibria(
     robot: Robot, inputs: Inputs | None = None, *, starts: int = MOST_STARTS, solver: Shooting | None = None, device: str = "cpu"
 ) -> Equilibria[Robot]:

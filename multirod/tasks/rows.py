@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.batch import Instances, IntArray, broadcast_shapes, take
+from multirod.frames import Framed
 from multirod.naming import hinted
 from multirod.plausibility.limits import LENGTH
 from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, refuse_unturned, vectors
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
-from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, first_of, positive_float, refuse
+from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, first_of, nonnegative_float, refuse
 
 NEARBY = LENGTH.high  # within which a place is nothing to warn of [m]
 PARTS = ("position", "rotation", "axis", "across")  # of a pose
@@ -36,11 +37,11 @@ class Rows(Protocol):
         """``W (h - y)`` (b, m), and its derivatives by the unknowns (b, m, n) and by what is freed (b, m, k)."""
 
 
-class Pose:
+class Pose(Framed):
     """A pose of the end effector, or a part of it: a target, or a measurement; with ``at`` one along a rod, measured.
 
     Given are a position, and beside it or alone either a rotation (three rows more) or a direction (two). All may have leading
-    axes ``...``, one entry an instance.
+    axes ``...``, one entry an instance. Robots take a position with a rotation in the place of a matrix: ``base=``, ``end=``.
 
     Args:
         position: In the world [m], shape (..., 3).
@@ -61,7 +62,7 @@ class Pose:
     Raises:
         ValueError: If a rotation is none, an axis or ``across`` is zero, ``sigma`` is not > 0 or ``covariance`` not symmetric and
             positive definite, both or none of rotation and axis are given without a position, ``across`` is given without one,
-            ``at`` is not > 0, or leading axes do not broadcast.
+            ``at`` is < 0, or leading axes do not broadcast.
     """
 
     @hinted("its parts are named, of a matrix T of shape (4, 4) Pose(position=T[:3, 3], rotation=T[:3, :3])")
@@ -95,13 +96,17 @@ class Pose:
             refuse("Pose.across", across, "must be finite: what was not measured is NaN in the position")
         self._kind, self._given = _kind(self), _given(self)
         self.whitening = whitening(self._kind, sigma, covariance)
-        self.at, self.rod = None if at is None else positive_float("Pose.at", at), rod
+        self.at, self.rod = None if at is None else nonnegative_float("Pose.at", at), rod
         if at is None and not (isinstance(rod, int) and rod == 0):
             refuse("Pose.rod", rod, "must not be given without at, where along that rod it is: else it is of the end effector")
         try:
             self.batch_shape: tuple[int, ...] = broadcast_shapes(*(value.shape[:-tail] for value, tail in self._parts()))
         except ValueError:
             refuse("Pose", Described(f"leading axes {[v.shape[:-t] for v, t in self._parts()]}"), "must broadcast")
+
+    @property
+    def alone(self) -> bool:  # noqa: D102
+        return not self.measures and self.at is None and self.across is None
 
     @property
     def given(self) -> tuple[str, ...]:

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from multirod import plausibility
-from multirod.assembly import pose as checked_pose
-from multirod.naming import meant
+from multirod.frames import pose as checked_pose
+from multirod.naming import meant, names_checked
 from multirod.read_only import ReadOnly
-from multirod.types import Numbers
+from multirod.types import Numbers, Poses
 from multirod.validation import Described, FloatArray, array, frozen, nonnegative_float, refuse
 
 
@@ -50,15 +50,16 @@ class Body(ReadOnly):
 
     instead = "make another Body(...), and a network of it"
 
+    @names_checked
     def __init__(
         self,
         name: str,
         *,
         mass: float = 0.0,
         mass_centre: Numbers = (0.0, 0.0, 0.0),
-        pose: Numbers | None = None,
+        pose: Poses | None = None,
         fixed: bool = False,
-        frames: Mapping[str, Numbers] | None = None,
+        frames: Mapping[str, Poses] | None = None,
     ) -> None:
         self.name = name_of("Body.name", name)
         if frames is not None and not isinstance(frames, Mapping):

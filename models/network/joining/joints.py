@@ -10,11 +10,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.assembly import pose as checked_pose
+from multirod.frames import pose as checked_pose
 from multirod.models.network.joining.bodies import BY_RODS, Body, Ground, name_of
+from multirod.naming import names_checked
 from multirod.read_only import ReadOnly, changed
 from multirod.rotations import vectors, with_changes
-from multirod.types import Numbers
+from multirod.types import Numbers, Poses
 from multirod.validation import FloatArray, array, choice, directions, frozen, nonnegative_float, positive_float, refuse
 
 MOST = 3  # coordinates of a joint
@@ -66,13 +67,14 @@ class Joint(ReadOnly):
 
     instead = "make another Joint(...), and a network of it"
 
+    @names_checked
     def __init__(
         self,
         rod: str,
         end: Literal["base", "tip", "along"],
         *,
         to: Body | Ground,
-        pose: Numbers | str | None = None,
+        pose: Poses | str | None = None,
         kind: Literal["clamped", "revolute", "universal", "spherical", "prismatic", "cylindrical"] = "clamped",
         axis: Numbers | None = None,
         stiffness: Numbers = 0.0,

@@ -13,6 +13,7 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.batch import thread_count
 from multirod.inputs import Inputs
+from multirod.naming import names_checked
 from multirod.running.progress import Watch
 from multirod.running.simulation import as_solver
 from multirod.solver import Solver
@@ -25,6 +26,7 @@ from multirod.studies.sweeps.table import Arrays, to_table
 from multirod.validation import Described, choice, device_name, path_of, positive_int, refuse
 
 
+@names_checked
 def sweep(
     robot: Assembly,
     inputs: Inputs,

@@ -13,6 +13,7 @@ from multirod.integrators import RK4, Integrator
 from multirod.models.backbone.influence.envelope import LOADS
 from multirod.models.backbone.inputs import LOADS as SPECS
 from multirod.models.backbone.kernels.layout.features import Features
+from multirod.naming import names_checked
 from multirod.rod import Rod
 from multirod.studies.terms.leaving_out import DROPPABLE, LINES, SECTIONS, left_out
 from multirod.validation import boolean, positive_int, refuse
@@ -348,6 +349,7 @@ def _launch(robot: Assembly, inputs: Inputs, integrator: Integrator, batch: int)
     return measure
 
 
+@names_checked
 def explain(robot: Assembly, inputs: Inputs | None = None, *, measure: bool = False) -> Explanation:
     """Say which terms of the equations a scene asks for, why, and what dropping each would do to the tip (``docs/explain.md``).
 

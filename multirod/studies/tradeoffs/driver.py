@@ -8,6 +8,7 @@ from typing import Any
 
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
+from multirod.naming import names_checked
 from multirod.running.progress import Watch
 from multirod.solver import Solver
 from multirod.studies.tradeoffs.measurement import Measurement
@@ -17,6 +18,7 @@ from multirod.types import Numbers
 from multirod.validation import positive_float
 
 
+@names_checked
 def tradeoff(
     robot: Assembly,
     inputs: Inputs,
@@ -56,6 +58,7 @@ def tradeoff(
     return _measure(csv, progress, partial(Measurement, robot, inputs, time=time, **options)).table
 
 
+@names_checked
 def tune(
     robot: Assembly,
     inputs: Inputs,

@@ -13,7 +13,7 @@ from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
 from multirod.launch import expect
-from multirod.naming import unknown_names
+from multirod.naming import names_checked, unknown_names
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.rotations import refuse_unturned
@@ -73,6 +73,7 @@ class Controller(Uncopied, Generic[Robot_co]):
 
     instead = "make another Controller"
 
+    @names_checked
     def __init__(
         self,
         robot: Robot_co,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import Undecided
 from multirod.inputs import Inputs
-from multirod.naming import meant
+from multirod.naming import meant, names_checked
 from multirod.results.solution import Solution, SolveError
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Solver
@@ -190,6 +190,7 @@ class Calibration(Undecided, Generic[Robot_co]):
         return "\n".join([head, *lines, *doubt])
 
 
+@names_checked
 def calibrate(
     robot: Robot,
     inputs: Inputs | None = None,

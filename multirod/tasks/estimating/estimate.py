@@ -14,6 +14,7 @@ from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import Undecided, parts, run, thread_count
 from multirod.inputs import Inputs
+from multirod.naming import names_checked
 from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
@@ -205,6 +206,7 @@ class Estimate(Undecided, Generic[Robot_co]):
         return f"{name}[{', '.join(map(str, lost))}]" if len(lost) else ""
 
 
+@names_checked
 def estimate(
     robot: Robot,
     inputs: Inputs | None = None,

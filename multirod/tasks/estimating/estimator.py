@@ -12,6 +12,7 @@ from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
 from multirod.models.assemblies.inputs import KnownInputs
+from multirod.naming import names_checked
 from multirod.results.solution import Solution
 from multirod.running.simulation import as_robot
 from multirod.running.tracker import Tracker
@@ -54,6 +55,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
 
     instead = "make another Estimator"
 
+    @names_checked
     def __init__(
         self,
         robot: Robot_co,

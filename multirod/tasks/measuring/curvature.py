@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.batch import Instances, IntArray, take
+from multirod.naming import names_checked
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.measuring.along import Along, AlongEvaluation, Places
 from multirod.types import Numbers
@@ -28,10 +29,11 @@ class Curvature:
         ValueError: If places do not rise, values are not as many, or ``sigma`` is not > 0.
     """
 
+    @names_checked
     def __init__(self, *, at: Numbers, value: Numbers, sigma: Numbers, rod: int | str = 0) -> None:
         self.at = np.atleast_1d(array("Curvature.at", at))
-        if self.at.ndim != 1 or not self.at.size or (np.diff(self.at) <= 0).any() or self.at[0] <= 0:
-            refuse("Curvature.at", at, "must be one arclength > 0 or several, rising")
+        if self.at.ndim != 1 or not self.at.size or (np.diff(self.at) <= 0).any() or self.at[0] < 0:
+            refuse("Curvature.at", at, "must be one arclength >= 0 or several, rising")
         self.rod = rod
         self._single = array("Curvature.at", at).ndim == 0
         given = array("Curvature.value", value, finite=False)

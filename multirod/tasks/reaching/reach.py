@@ -13,6 +13,7 @@ from multirod import plausibility
 from multirod.assembly import Assembly, Robot
 from multirod.batch import broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
+from multirod.naming import names_checked
 from multirod.results.scene import Scene, stand_in
 from multirod.results.solution import Solution
 from multirod.reuse import borrowed
@@ -41,6 +42,7 @@ MAX_INTEGRATIONS = 300
 PREFERENCES = get_args(Prefer)
 
 
+@names_checked
 def reach(
     robot: Robot,
     target: Pose,
