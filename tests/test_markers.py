@@ -229,7 +229,7 @@ def test_rounding_mixes_no_rows(wire, seen):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"at": 0.0}, "Pose.at = 0.0 .*> 0"),
+        ({"at": -0.1}, "Pose.at = -0.1 .*>= 0"),
         ({"at": 0.5}, "at = .*must be >= 0 and <= 0.4 m"),
         ({"at": 0.2, "rod": "inner"}, "Pose.rod = 'inner'"),
         ({"sigma": (1e-3, 1e-3)}, "Pose.sigma.*three along the axes of the world"),
