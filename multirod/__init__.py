@@ -242,7 +242,10 @@ if not _typing.TYPE_CHECKING:  # which would take any name for one that there is
             return found
         if not name.startswith("_") and _find_spec(f"multirod.{name}") is not None:
             return _import_module(f"multirod.{name}")
-        raise AttributeError(f"module 'multirod' has no attribute {name!r}")
+        from multirod.naming import OF_PACKAGE
+
+        hint = f"; did you mean {OF_PACKAGE[name]}?" if name in OF_PACKAGE else ""
+        raise AttributeError(f"module 'multirod' has no attribute {name!r}{hint}")
 
 
 def __dir__() -> list[str]:

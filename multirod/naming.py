@@ -61,7 +61,23 @@ _TAKEN_BY = {
     **dict.fromkeys(("platform_position", "platform_rotation"), "the inverse problem of six legs takes it, robot.inverse()"),
     **dict.fromkeys(("end_position", "end_rotation"), "a HeldRod takes it, whose end is held"),
     **dict.fromkeys(("fixed_position", "fixed_rotation", "joint_torque", "slide_force"), "a Network takes it"),
+    **dict.fromkeys(("payload", "tip_mass", "tip_weight"), "a weight is a force, tip_force=(0, 0, -9.81 * mass)"),
 }  # by robots, of inputs that are no others'
+_BY_HALF = {"radius", "r", "outer_radius", "inner_radius"}  # of diameters
+_OF_AXES = {"title", "legend", "linewidth", "lw", "color", "view", "elev", "azim", "xlim", "fontsize", "cmap", "units", "label"}
+_OF_FIGURES = {"save", "path", "filename", "figsize", "dpi", "show", "fig", "figure"}
+OF_PACKAGE = {
+    **dict.fromkeys(("TendonRobot", "TendonDrivenRobot", "TDCR"), "mr.SingleRod(mr.Rod(..., lines=[mr.Tendon(...)]))"),
+    **dict.fromkeys(("ContinuumRobot", "Robot", "CosseratRod", "Wire", "Beam"), "mr.SingleRod(mr.Rod(...))"),
+    **dict.fromkeys(("Tube", "Tubes", "CTR", "ConcentricTubeRobot"), "mr.ConcentricTubes([mr.Rod.tube(...), ...])"),
+    **dict.fromkeys(("ParallelRobot", "Platform", "Hexapod", "StewartPlatform"), "mr.ParallelRods(legs=, base=, platform=)"),
+    **dict.fromkeys(("workspace", "forward_kinematics", "fk", "forward"), "mr.solve(robot, inputs), of a batch of inputs"),
+    **dict.fromkeys(("inverse_kinematics", "ik", "inverse"), "mr.reach(robot, mr.Pose(position=...), free=...)"),
+    **dict.fromkeys(("plot", "save", "show"), "that of what was solved, solution.plot()"),
+    **dict.fromkeys(("snap", "snaps", "buckling"), "mr.critical_loads(robot, inputs), or solution.stability and events"),
+    **dict.fromkeys(("Sensor", "Marker", "Camera"), "mr.Pose(position=..., at=..., sigma=...), or mr.Curvature(...)"),
+    **dict.fromkeys(("monte_carlo", "montecarlo"), "mr.solve of a robot whose rods have numbers with leading axes"),
+}  # what attributes of the package are called elsewhere
 
 
 class Asked:
@@ -147,4 +163,7 @@ def meant(name: str, options: Iterable[str]) -> str:
         return f"; {_TAKEN_BY[name]}"
     close = [option for option in options if option in _OTHER_NAMES.get(name.lower(), ())]
     close = close or get_close_matches(name, options, 1) or [o for o in options if name.lower() == o.lower()]
-    return f"; did you mean {close[0]!r}?" if close else ""
+    if not close and "ax" in options and name in _OF_AXES | _OF_FIGURES:  # of a plot
+        return "; the axes that it returns do" + ", or their figure, .figure.savefig(path)" * (name in _OF_FIGURES)
+    twice = ", twice that" * (name.lower() in _BY_HALF)
+    return f"; did you mean {close[0]!r}{twice}?" if close else ""

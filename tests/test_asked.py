@@ -187,7 +187,9 @@ def test_a_pull_has_no_critical_load_and_a_push_to_the_side_is_not_said_to_be_on
         ("leg_forces", 'wrench(leg, "tip")'),
         ("is_stable", "stability"),
         ("displacement", "line_length"),
-        ("translations", "robot.translations(solution)"),
+        ("translations", "inputs.translation"),
+        ("compliance", 'jacobian("tip_force")'),
+        ("to_pandas", "to_xarray().to_dataframe()"),
     ],
 )
 def test_what_a_solution_is_asked_under_other_names(one, name, meant):
@@ -207,6 +209,26 @@ def test_what_a_robot_and_a_shape_are_asked_under_other_names(robot, one):
         with refused(AttributeError, f"{type(own).__name__} has no {name!r}; did you mean {meant}"):
             getattr(own, name)
         assert not hasattr(own, "colour")
+
+
+def test_what_the_package_is_asked_under_other_names():
+    for name, meant in (("TendonRobot", "mr.SingleRod(mr.Rod(..., lines="), ("workspace", "of a batch of inputs")):
+        with refused(AttributeError, f"module 'multirod' has no attribute {name!r}; did you mean ", meant):
+            getattr(mr, name)
+
+
+def test_a_radius_is_half_a_diameter():
+    """Who took the hint at the diameter by its word had a sixteenth of the stiffness."""
+    with refused(TypeError, "argument 'radius'", "did you mean 'diameter', twice that?"):
+        mr.Rod.wire(length=0.2, radius=5e-4, young_modulus=60e9, poisson_ratio=0.3)
+
+
+def test_how_files_and_plots_are_had_otherwise(one):
+    with refused(ValueError, "must end in", "MATLAB reads .nc, spreadsheets .csv"):
+        one.save("result.mat")
+    for name, meant in (("legend", "the axes that it returns do"), ("dpi", ".figure.savefig(path)")):
+        with refused(TypeError, f"plot() takes no {name!r}", meant):
+            one.plot(**{name: None})
 
 
 def test_options_are_said_to_be_whose_they_are(robot):

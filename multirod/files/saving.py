@@ -26,6 +26,7 @@ from multirod.validation import Described, file_path, refuse
 
 VERSION = 1  # of the tables: what is read may be of this one or of those before
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg")
+TABLES = (".mat", ".xlsx", ".xls", ".json", ".txt", ".pkl", ".h5", ".hdf5")
 HEADING = """{what}, written by multirod {version}; read it by mr.load({how}).
 SI units, angles in rad; rotation matrices are body to world; a pose is 4 x 4."""
 
@@ -46,6 +47,8 @@ def save_result(path: str | os.PathLike[str], solution: Solution, options: Mappi
         )
     if str(path).lower().endswith(PICTURES):
         refuse("save.path", str(path), f"must end in {' or '.join(kinds)}; a picture is solution.plot().figure.savefig(path)")
+    if str(path).lower().endswith(TABLES):
+        refuse("save.path", str(path), f"must end in {' or '.join(kinds)}: MATLAB reads .nc, spreadsheets .csv")
     file = file_path("save.path", path, *kinds)
     write = kinds[file.suffix.lower()]
     if write is not _recording:

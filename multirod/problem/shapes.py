@@ -8,7 +8,7 @@ from multirod.naming import Asked
 from multirod.validation import FloatArray, frozen, shown
 
 OF_SHAPES = {
-    **dict.fromkeys(("x", "y", "z", "positions", "centreline", "points"), "position, whose last axis is x, y, z"),
+    **dict.fromkeys(("x", "y", "z", "p", "xyz", "positions", "centreline", "points"), "position, whose last axis is x, y, z"),
     **dict.fromkeys(("s", "arclengths"), "arclength"),
     **dict.fromkeys(("rotations", "frame", "frames", "R"), "rotation"),
     **dict.fromkeys(("u", "strain", "strains", "curvatures"), "curvature"),

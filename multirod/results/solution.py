@@ -50,8 +50,15 @@ _OTHER_NAMES = {
     **dict.fromkeys(("is_stable", "stable"), "stability"),
     **dict.fromkeys(("displacement", "displacements", "line_lengths"), "line_length, or inputs.displacement"),
     **dict.fromkeys(("tensions", "line_tension", "line_tensions"), "tension"),
-    **dict.fromkeys(("translation", "translations"), "inputs.translation, or of an inverse problem robot.translations(solution)"),
-    "rods": "rod(0), rod(1), ..., or robot.rods",
+    **dict.fromkeys(("translation", "translations"), "inputs.translation"),
+    **dict.fromkeys(("rods", "backbone", "centerline", "centerlines"), "rod(0), rod(1), ..., or robot.rods"),
+    **dict.fromkeys(("compliance", "tip_compliance", "flexibility"), 'jacobian("tip_force"), or stiffness'),
+    **dict.fromkeys(("stiffness_matrix", "tip_stiffness"), "stiffness"),
+    **dict.fromkeys(("J", "manipulability", "jacobians"), 'jacobian("rotation"), by the names of inputs'),
+    **dict.fromkeys(("snapped", "snap", "snaps", "buckled"), "events, or status"),
+    **dict.fromkeys(("to_csv", "to_netcdf"), 'save("name.csv") or save("name.nc")'),
+    **dict.fromkeys(("to_pandas", "to_dataframe"), 'to_xarray().to_dataframe(), or save("name.csv")'),
+    **dict.fromkeys(("show", "animate"), "plot(), or those of a motion, mr.simulate(...).show()"),
 }  # what attributes of a solution are called elsewhere
 
 
