@@ -183,14 +183,21 @@ class _Stretch:
             refuse(f"{self.field}({s:g})", shown, f"must be {self.width} finite numbers")
         return result
 
-    def piece(self, first: float, end: float) -> tuple[FloatArray, bool]:
-        """The polynomial of a piece, and whether it is what the function is there."""
+    def piece(self, first: float, end: float, halved: tuple[bool, bool]) -> tuple[FloatArray, bool]:
+        """The polynomial of a piece, and whether it is what the function is there.
+
+        Where pieces were halved, ``halved`` at either end, it is the function at that end too, but for what is no jump: one that is
+        nearer to it than all places would be part of the other piece.
+        """
         centre, half = 0.5 * (first + end), 0.5 * (end - first)
         found = interpolate(self.sample, first, end, self.degree)
         near = slice(self.places.searchsorted(first), self.places.searchsorted(end, "right" if end == self.length else "left"))
         t = np.concatenate([self.PROBES, (self.places[near] - centre) / half])
         given = np.concatenate([[self.sample(centre + half * t) for t in self.PROBES], self.seen[near]])
-        return found, bool(np.abs(t[:, None] ** self.powers @ found - given).max() <= _RELATIVE_ERROR * self.scale)
+        good = bool(np.abs(t[:, None] ** self.powers @ found - given).max() <= _RELATIVE_ERROR * self.scale)
+        for x, side, inner in ((first, -1.0, halved[0]), (end, 1.0, halved[1])):
+            good = good and not (inner and np.abs(side**self.powers @ found - self.sample(x)).max() > _JUMP * self.scale)
+        return found, good
 
     def jump(self, a: float, b: float) -> float | None:
         """Where the function jumps between two places, to rounding; None where it does not."""
@@ -206,13 +213,14 @@ class _Stretch:
     def divided(self, breaks: list[float], most: float) -> tuple[Profile, list[tuple[float, float]]] | None:
         """Polynomials between places, and the smallest pieces on which they are still not the function; None where there are more
         than ``most``."""
+        given = set(breaks)
         ends: list[float] = []
         coefficients: list[FloatArray] = []
         rough: list[tuple[float, float]] = []
         pieces = [(*between, 0) for between in reversed([*pairwise(breaks)])]
         while pieces:
             first, end, level = pieces.pop()
-            found, good = self.piece(first, end)
+            found, good = self.piece(first, end, (first not in given, end not in given))
             if not good and level < _LEVELS:
                 centre = 0.5 * (first + end)
                 pieces += [(centre, end, level + 1), (first, centre, level + 1)]

@@ -122,6 +122,18 @@ def test_the_places_of_jumps_are_found(start, width):
     assert np.diff(found.ends, prepend=0.0) @ heights == pytest.approx(min(width, L - start), rel=1e-9)
 
 
+@pytest.mark.parametrize("off", [3e-6, 1e-5, 4e-4, 8e-4])
+@pytest.mark.parametrize("at", [0.25, 0.5, 0.875])
+def test_a_jump_beside_where_pieces_are_halved_is_found(at, off):
+    """Between that place and the nearest at which the function is looked at there are none of a polynomial: the jump was moved
+    there, by up to a thousandth of the length, and the tip of a cantilever off by half a percent."""
+    end = (at - off) * L
+    found = profile.fit("f", lambda s: (float(s < end), 0.0, 0.0), L)
+    assert np.diff(found.ends, prepend=0.0) @ found.coefficients[:, 0, 0] == pytest.approx(end, rel=1e-12)
+    load = solve(straight(), distributed_force=lambda s: (1e-3 * float(s < end), 0, 0), distributed_moment=nothing)
+    assert load.tip_position[0] == pytest.approx(1e-3 * end**3 * (4 * L - end) / (24 * EI), rel=1e-6)  # of a small slope
+
+
 def test_a_function_without_smooth_pieces_comes_to_an_end():
     """Noise has no jumps to be found: it is resolved as far as pieces are halved."""
     noise = profile.fit("f", lambda s: (np.sin(1e9 * s * s), 0.0, 0.0), 1.0)
