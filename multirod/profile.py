@@ -186,8 +186,8 @@ class _Stretch:
     def piece(self, first: float, end: float, halved: tuple[bool, bool]) -> tuple[FloatArray, bool]:
         """The polynomial of a piece, and whether it is what the function is there.
 
-        Where pieces were halved, ``halved`` at either end, it is the function at that end too, but for what is no jump: one that is
-        nearer to it than all places would be part of the other piece.
+        Where pieces were halved, ``halved`` at either end, it has to be the function at that end too, but for what is no jump:
+        one that is nearer to the end than all places would not be seen.
         """
         centre, half = 0.5 * (first + end), 0.5 * (end - first)
         found = interpolate(self.sample, first, end, self.degree)

@@ -170,6 +170,9 @@ class HeldRod(Assembly):
         own = self._free.input_directions(*on_rod) if on_rod else {}
         return own | super().input_directions(*names)
 
+    def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
+        return self._free.ends_meet(inputs)
+
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         return name in POSE_INPUTS or self._free.surely_takes(name, values)
 

@@ -317,7 +317,7 @@ class Network(Assembly):
 
     def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
         translation = inputs.translation.reshape(-1, self.rod_count)
-        return any(ways_back(rod.arrays, translation[:, own]).any() for _, rod, own in self._each())
+        return any(ways_back(rod.arrays, translation[:, own], inputs).any() for _, rod, own in self._each())
 
     @reusable
     def problem(  # noqa: D102

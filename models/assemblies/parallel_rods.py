@@ -180,7 +180,7 @@ class ParallelRods(Assembly):
     def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
         translation = inputs.translation.reshape(-1, self.rod_count)
         legs = zip(self.geometry.arrays, self._own_rods, strict=True)
-        return any(ways_back(arrays, translation[:, own]).any() for arrays, own in legs)
+        return any(ways_back(arrays, translation[:, own], inputs).any() for arrays, own in legs)
 
     def surely_takes(self, name: str, values: Sequence[float]) -> bool:  # noqa: D102
         if name in DRIVES:

@@ -100,7 +100,7 @@ class BackboneAssembly(Assembly):
         return parameter_size(name, self.rods) if name in PARAMETERS else super().column_count(name)
 
     def ends_meet(self, inputs: Inputs) -> bool:  # noqa: D102
-        return bool(ways_back(self.arrays, inputs.translation.reshape(-1, self.rod_count)).any())
+        return bool(ways_back(self.arrays, inputs.translation.reshape(-1, self.rod_count), inputs).any())
 
     @cached_property
     def arrays(self) -> RodArrays:

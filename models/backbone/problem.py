@@ -361,7 +361,7 @@ class BackboneProblem(BoundaryProblem):
         super().aim(*names)
 
     def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
-        return part_ends(self, names, [(self.arrays, self.input_slice("translation"))])
+        return part_ends(self, names, [(self.arrays, self.input_slice("translation"))], self.inputs_given)
 
     def _integrate(self) -> None:
         if self.derivatives.followed:

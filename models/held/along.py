@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.launch import Launch
+from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.problem import PosesSensed
@@ -20,6 +21,20 @@ if TYPE_CHECKING:
 Some: TypeAlias = slice | NDArray[np.intp]
 # of one evaluation: what stands before the rod's, the rod's, what stands after it
 Launches: TypeAlias = tuple[Launch, LanePass | ClampedBackbones, Launch]
+
+
+def aim_at_numbers(problem: "HeldProblem", names: Sequence[str]) -> None:
+    """Point directions of the rod along its own numbers, where some are named: it alone knows of these."""
+    rod = problem.rod
+    if rod.directions.shape[2] == rod.input_count:
+        return
+    rows, column = np.zeros(rod.directions.shape), 0
+    for name in names:
+        own = rod.derivatives.designs(name).rows() if name in COMPONENTS else problem.directions_by(name)
+        if name in COMPONENTS:
+            rows[:, column : column + own.shape[1], rod.input_count :] = own[..., rod.input_count :]
+        column += own.shape[1]
+    rod.directions.assign(rows)
 
 
 def unknown_rates(problem: "HeldProblem", names: Sequence[str]) -> FloatArray | None:

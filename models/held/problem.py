@@ -16,9 +16,10 @@ from multirod.integrators import Integrator
 from multirod.kernels.warp_types import Array
 from multirod.launch import Launch, record
 from multirod.models.backbone.derivatives.designs import COMPONENTS
+from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
-from multirod.models.held.along import HeldSensing, Launches, columns_along, unknown_rates
+from multirod.models.held.along import HeldSensing, Launches, aim_at_numbers, columns_along, unknown_rates
 from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, HeldStarts, Reach
 from multirod.models.held.clamps import HeldClamps
 from multirod.models.held.costless import alike, free_in_balls, hold_bases_alone, led_on
@@ -253,19 +254,13 @@ class HeldProblem(BoundaryProblem):
             return slice(start, start + 3)
         return self.rod.input_slice(name)
 
+    def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
+        return part_ends(self, names, [(self.rod.arrays, self.input_slice("translation"))], self.inputs_given)
+
     def aim(self, *names: str) -> None:
         """As said; along the rod's own numbers too, of which the rod alone knows."""
         super().aim(*names)
-        rod = self.rod
-        if rod.directions.shape[2] == rod.input_count:
-            return
-        rows, column = np.zeros(rod.directions.shape), 0
-        for name in names:
-            own = rod.derivatives.designs(name).rows() if name in COMPONENTS else self.directions_by(name)
-            if name in COMPONENTS:
-                rows[:, column : column + own.shape[1], rod.input_count :] = own[..., rod.input_count :]
-            column += own.shape[1]
-        rod.directions.assign(rows)
+        aim_at_numbers(self, names)
 
     def directions_by(self, name: str) -> FloatArray:
         """As said; none along a number of the rod."""

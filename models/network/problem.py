@@ -353,7 +353,7 @@ class NetworkProblem(BoundaryProblem):
     def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
         start = self.input_slice("translation").start
         own = [slice(*(start + self.graph.first_tube[rod : rod + 2])) for rod in self.graph.slides.owner.tolist()]
-        return part_ends(self, names, zip(self.graph.arrays, own, strict=True))
+        return part_ends(self, names, zip(self.graph.arrays, own, strict=True), self.inputs_given)
 
     def body_poses(self) -> tuple[FloatArray, FloatArray]:
         """Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) at ``unknowns``: of the bodies that move,

@@ -346,7 +346,7 @@ class ParallelProblem(BoundaryProblem):
     def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
         start = self.input_slice("translation").start
         own = [slice(start + first, start + end) for first, end in pairwise(self.geometry.first_rod.tolist())]
-        return part_ends(self, names, zip(self.geometry.arrays, own, strict=True))
+        return part_ends(self, names, zip(self.geometry.arrays, own, strict=True), self.inputs_given)
 
     def aim(self, *names: str) -> None:  # noqa: D102
         self._aim.point(names)

@@ -1,9 +1,11 @@
-"""Ends of tubes at one place: there a pose has a kink, and a derivative has a side."""
+"""Ends at one place. Of two tubes the pose has a kink there, and a derivative has a side. Of a section and a load it has none,
+but there is one node, which cannot both move and stay."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
+from multirod.inputs import Inputs
 from multirod.models.backbone.influence.envelope import SAME_PLACE
 from multirod.problem import BoundaryProblem
 from multirod.rod import RodArrays
@@ -18,13 +20,14 @@ def move_ends(names: Iterable[object]) -> bool:
     return any(name in MOVED_BY for name in names)
 
 
-def ways_back(arrays: RodArrays, translation: FloatArray) -> FloatArray:
+def ways_back(arrays: RodArrays, translation: FloatArray, given: Inputs) -> FloatArray:
     """How far each rod is moved back: further than those before it, so that no ends of two are at one place, and so that none is
-    at the plate but for rounding; zero where none are.
+    at the plate but for rounding, nor where a piece of a load ends that is a function of arclength; zero where none are.
 
     Args:
         arrays: The rods.
         translation: Shape (instance, n).
+        given: What has the functions: their pieces end at fixed arclengths, whatever moves the rods.
 
     Returns:
         Shape (instance, n).
@@ -35,17 +38,25 @@ def ways_back(arrays: RodArrays, translation: FloatArray) -> FloatArray:
     places, owners = np.take_along_axis(places, order, axis=1), order // arrays.end.shape[2]
     same = (np.diff(places, axis=1) <= SAME_PLACE) & (np.diff(owners, axis=1) != 0) & (places[:, 1:] > SAME_PLACE)
     at_plate = (places > 0) & (places <= SAME_PLACE)  # one that is there is pulled back as it is
-    apart = same.any(axis=1, keepdims=True) * np.arange(translation.shape[1]) + at_plate.any(axis=1, keepdims=True)
+    meet = at_plate.any(axis=1, keepdims=True)
+    if given.profiles:
+        fixed = np.unique(np.concatenate([profile.ends for profile in given.profiles.values()]))
+        nearest = np.abs(places[:, :, None] - fixed).min(axis=2)
+        meet |= ((nearest <= SAME_PLACE) & (places > SAME_PLACE)).any(axis=1, keepdims=True)
+    apart = same.any(axis=1, keepdims=True) * np.arange(translation.shape[1]) + meet
     return np.asarray(APART * ends[:, :, -1].max(axis=1, keepdims=True) * apart)
 
 
-def part_ends(problem: BoundaryProblem, names: Iterable[object], rods: Iterable[tuple[RodArrays, slice]]) -> FloatArray:
+def part_ends(
+    problem: BoundaryProblem, names: Iterable[object], rods: Iterable[tuple[RodArrays, slice]], given: Inputs
+) -> FloatArray:
     """``BoundaryProblem.part_ends``, by the inputs of a problem of backbones.
 
     Args:
         problem: Whose inputs are changed where that is needed.
         names: By which derivatives are taken.
         rods: Of each backbone, and where its translations stand in a row of inputs.
+        given: With which the problem was made.
 
     Returns:
         Shape (instance_count,).
@@ -55,7 +66,7 @@ def part_ends(problem: BoundaryProblem, names: Iterable[object], rods: Iterable[
         return furthest
     inputs = problem.read("inputs")
     for arrays, own in rods:
-        back = ways_back(arrays, inputs[:, own])
+        back = ways_back(arrays, inputs[:, own], given)
         inputs[:, own] -= back
         furthest = np.maximum(furthest, 2 * back[:, -1])
     if furthest.any():
