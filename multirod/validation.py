@@ -233,7 +233,7 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
     try:
         given = np.asarray(value)
     except Exception:  # noqa: BLE001  (ragged, or whatever someone's object raises)
-        refuse(field, value, f"must be numeric, {wanted}")
+        refuse(field, value, f"must be numeric, {wanted}{_stacked_meant(value, tail)}")
     if given.dtype.kind not in "fiu" or isinstance(value, (bytearray, memoryview)):
         of_table = "; a row of a table with text in it is of dtype object: give its .astype(float)"
         refuse(field, value, f"must be numeric, {wanted}{of_table * (getattr(value, 'dtype', None) == object)}")
@@ -267,6 +267,17 @@ def directions(field: str, value: object, axes: FloatArray) -> FloatArray:
     return np.asarray(frozen(axes / np.where(np.abs(size - 1) <= ROUNDED, 1.0, size)[..., None]))
 
 
+def _stacked_meant(value: object, tail: tuple[int, ...]) -> str:
+    """What was probably meant by numbers beside arrays, as the end of a message."""
+    if not isinstance(value, (list, tuple)) or (tail and len(value) != tail[-1]):
+        return ""
+    try:
+        alike = np.broadcast_shapes(*(np.shape(item) for item in value))
+    except ValueError:  # ragged, or of lengths that do not fit
+        return ""
+    return f"; of a batch {alike}, components are put together by np.stack(np.broadcast_arrays(...), axis=-1)" if alike else ""
+
+
 def _shape_meant(field: str, shape: tuple[int, ...], tail: tuple[int, ...]) -> str:
     """What was probably meant by an array of the wrong shape, as the end of a message."""
     hint = ""
@@ -277,7 +288,8 @@ def _shape_meant(field: str, shape: tuple[int, ...], tail: tuple[int, ...]) -> s
     elif tail == (3, 3):
         hint = _ROTATION_HINTS.get(shape[-2:], _ROTATION_HINTS.get(shape[-1:], ""))
     elif tail == (3,):
-        hint = _VECTOR_HINTS.get(shape[-1:], "")
+        each = "one number of each has no direction: of a batch, np.stack([x, y, z], axis=-1)" if len(shape) == 1 else ""
+        hint = _VECTOR_HINTS.get(shape[-1:], each)
     elif tail == (2,) and shape[-1:] == (3,) and field.endswith("offset"):
         hint = "in the plane of the section, two numbers"
     elif len(tail) == 1 and len(shape) == 1:

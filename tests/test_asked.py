@@ -217,6 +217,19 @@ def test_what_the_package_is_asked_under_other_names():
             getattr(mr, name)
 
 
+def test_components_of_a_batch_are_stacked(robot):
+    many, stacked = np.linspace(0, 1, 9), "np.stack(np.broadcast_arrays(...), axis=-1)"
+    with refused(ValueError, "tip_force = ", "must be numeric, shape (..., 3); of a batch (9,), ", stacked):
+        robot.inputs(tip_force=(many, 0, 0))
+    with refused(ValueError, "must have shape (..., 3); one number of each has no direction: of a batch, np.stack("):
+        robot.inputs(tip_force=many)
+    pair = mr.ConcentricTubes([mr.Rod(length=0.4, bending_stiffness=0.02, torsional_stiffness=0.015)] * 2)
+    with refused(ValueError, "rotation = ", "must be numeric", stacked):
+        pair.inputs(rotation=(many, 0))
+    with refused(ValueError, "tip_force = ['a', 'b', 'c'] is not allowed: must be numeric, shape (..., 3)"):
+        robot.inputs(tip_force=["a", "b", "c"])
+
+
 def test_a_radius_is_half_a_diameter():
     """Who took the hint at the diameter by its word had a sixteenth of the stiffness."""
     with refused(TypeError, "argument 'radius'", "did you mean 'diameter', twice that?"):
