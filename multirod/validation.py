@@ -233,7 +233,7 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
     try:
         given = np.asarray(value)
     except Exception:  # noqa: BLE001  (ragged, or whatever someone's object raises)
-        refuse(field, value, f"must be numeric, {wanted}{_stacked_meant(value, tail)}")
+        refuse(field, value, f"must be numeric, {wanted}{_together_meant(value, tail)}")
     if given.dtype.kind not in "fiu" or isinstance(value, (bytearray, memoryview)):
         of_table = "; a row of a table with text in it is of dtype object: give its .astype(float)"
         refuse(field, value, f"must be numeric, {wanted}{of_table * (getattr(value, 'dtype', None) == object)}")
@@ -267,15 +267,19 @@ def directions(field: str, value: object, axes: FloatArray) -> FloatArray:
     return np.asarray(frozen(axes / np.where(np.abs(size - 1) <= ROUNDED, 1.0, size)[..., None]))
 
 
-def _stacked_meant(value: object, tail: tuple[int, ...]) -> str:
+def _together_meant(value: object, tail: tuple[int, ...]) -> str:
     """What was probably meant by numbers beside arrays, as the end of a message."""
-    if not isinstance(value, (list, tuple)) or (tail and len(value) != tail[-1]):
+    if not isinstance(value, (list, tuple)):
         return ""
+    if all(isinstance(item, (list, tuple)) and len(item) == 2 and np.ndim(item[0]) < np.ndim(item[1]) for item in value):
+        return "; what varies along a rod, beside its precurvature, is given by sections, Rod(sections=[Section(...), ...])"
     try:
         alike = np.broadcast_shapes(*(np.shape(item) for item in value))
     except ValueError:  # ragged, or of lengths that do not fit
         return ""
-    return f"; of a batch {alike}, components are put together by np.stack(np.broadcast_arrays(...), axis=-1)" if alike else ""
+    if not alike or (tail and len(value) != tail[-1]):
+        return ""
+    return f"; of a batch {alike}, components are put together by np.stack(np.broadcast_arrays(...), axis=-1)"
 
 
 def _shape_meant(field: str, shape: tuple[int, ...], tail: tuple[int, ...]) -> str:

@@ -230,6 +230,19 @@ def test_components_of_a_batch_are_stacked(robot):
         robot.inputs(tip_force=["a", "b", "c"])
 
 
+def test_what_varies_along_a_rod_is_by_section():
+    with refused(
+        ValueError, "Rod.magnetisation = ", "must be numeric", "is given by sections, Rod(sections=[Section(...), ...])"
+    ):
+        mr.Rod.wire(
+            length=0.08,
+            diameter=1e-3,
+            young_modulus=3e6,
+            poisson_ratio=0.49,
+            magnetisation=[(0.07, (0, 0, 0)), (0.01, (0, 0, 1e5))],
+        )
+
+
 def test_a_radius_is_half_a_diameter():
     """Who took the hint at the diameter by its word had a sixteenth of the stiffness."""
     with refused(TypeError, "argument 'radius'", "did you mean 'diameter', twice that?"):

@@ -38,6 +38,13 @@ def test_three_segments_bend_by_the_same_angle(example):
     assert abs(push_rods - 0.6 * axial / (axial + bending)) < 1e-5
 
 
+def test_a_catheter_in_a_vessel_is_in_balance_and_its_force_is_found(example):
+    found, balance = example("catheter_in_a_vessel.py").main([])
+    assert balance < 3e-5  # N, of 17 mN: by trapezoids of 0.125 mm
+    off = (found.value("tip_force") - (-0.004, 0.002, 0.0)) / found.sigma("tip_force")
+    assert np.abs(off).max() < 4  # deviations
+
+
 def test_a_blade_that_snaps_loses_what_its_loop_holds(example, capsys):
     """Over a loop the loads do as much work as is lost: nothing else is."""
     area, lost = example("snap_through.py").main(["--samples", "201"])

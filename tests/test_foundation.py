@@ -137,3 +137,14 @@ def test_wires_and_tubes_take_it_like_rods():
     np.testing.assert_array_equal(made.sections[0].foundation, (10, 20, 30))
     tube = mr.Rod.tube(length=0.2, outer_diameter=1e-3, inner_diameter=5e-4, young_modulus=60e9, poisson_ratio=0.3, foundation=10)
     np.testing.assert_array_equal(tube.sections[0].foundation, (10, 10, 10))
+
+
+def test_a_load_that_the_medium_carries_is_plausible():
+    """It was warned of as if the rod alone stood against it; what is beyond the medium too still is."""
+    soft = {"length": 0.09, "bending_stiffness": 4e-6, "torsional_stiffness": 3e-6}
+    robot = mr.SingleRod(mr.Rod(**soft, foundation=2e4))
+    robot.inputs(distributed_force=(200, 0, 0))  # warnings are errors here
+    with pytest.warns(mr.PlausibilityWarning, match=r"distributed_force = 1e\+08 is"):
+        robot.inputs(distributed_force=(1e8, 0, 0))
+    with pytest.warns(mr.PlausibilityWarning, match="distributed_force = 200 is"):
+        mr.SingleRod(mr.Rod(**soft)).inputs(distributed_force=(200, 0, 0))

@@ -105,8 +105,9 @@ def _of_load(name: str, moment: bool, most: float, power: int, robot: "Assembly"
     if any(rod.members for rod in robot.rods):  # which may be what carries it
         return
     length, EI = robot.longest, robot.stiffest
+    medium = max(float(np.max(section.foundation)) for rod in robot.rods for section in rod.sections)  # which carries loads too
     with np.errstate(over="ignore"):
-        size = most * np.float64(length) ** power / EI
+        size = most * np.float64(length) ** power / (EI + medium * length**4)
     if moment and size > 2 * math.pi * WINDING:
         turns = f"winds a rod of EI = {EI:.3g} N m^2 and {length:.6g} m up {size / (2 * math.pi):.3g} times"
         say(f"{name} = {most:.6g} {turns}; is it in N mm, or the stiffness not in N m^2?")
