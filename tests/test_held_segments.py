@@ -185,7 +185,7 @@ def test_what_a_thrust_turns_over_is_followed_to_a_hard_pull(joint, thrust, time
     solution = mr.solve(robot, robot.inputs(tip_force=(0, 0, -times * thrust * EI / LENGTH**2)))
     assert solution.status is mr.Status.SNAPPED
     assert solution.stability is mr.Stability.STABLE
-    assert solution.integrations < 4000
+    assert solution.integrations < 8000  # some of them with clamps, each of which is six
     assert [event.status for event in solution.events] == [mr.Status.BIFURCATED, mr.Status.SNAPPED]
     if joint == "clamped":
         assert solution.events[0].load_factor == pytest.approx(critical / (times * thrust * EI / LENGTH**2), rel=2e-5)

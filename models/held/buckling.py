@@ -21,12 +21,14 @@ ALONG = 0.99  # cosine of the angle between axes that are taken for one
 # of the length, and of how far its middle moves, the end may stand beside the axis, turned across it by as much [rad]
 BESIDE, BESIDE_BEND = 1e-2, 0.1
 SLIGHT = 1e-3  # of EI/L: torques about the axis by which the rest of it then draws a rod to a side
+ELEMENTS = 48  # of a rod that is not equally stiff all along: its critical load is off by 0.2 %
 ROUND = 10.0  # times the part of the shortening by which the end beside it tells the plane alone
 
 
 @dataclass(frozen=True)
 class Mode:
-    """(23) How a straight rod buckles about an axis; but for the thrust, over the root of what it is shortened by.
+    """(23) How a straight rod buckles that is equally stiff all along; but for the thrust, over the root of what it is shortened
+    by.
 
     Attributes:
         thrust: In ``EI/L^2``.
@@ -52,11 +54,75 @@ MODES = {  # by whether base and end turn freely about the axis
 }
 
 
-def thrust_of(problem: "HeldProblem", about: FloatArray) -> FloatArray:
-    """(23) Under which a rod buckles about an axis, in ``EI/L^2``, shape (instance_count,)."""
-    holders = problem.holders
-    base, end = (_turns(*own, about) for own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis)))
-    return np.array([MODES[bool(own), bool(other)].thrust for own, other in zip(base, end, strict=True)])
+@dataclass(frozen=True)
+class Modes:
+    """(23), (33) How rods buckle, each about an axis of its own; but for the thrust, over the root of what they are shortened by.
+
+    Attributes:
+        thrust: [N], shape (instance_count,).
+        base_moment: [N m], likewise.
+        tip_moment: [N m].
+        base_turn: By which the base turns in its joint [rad].
+    """
+
+    thrust: FloatArray
+    base_moment: FloatArray
+    tip_moment: FloatArray
+    base_turn: FloatArray
+
+
+def modes_about(problem: "HeldProblem", about: FloatArray, chosen: NDArray[np.bool_]) -> Modes:
+    """(23) How straight rods buckle about axes, (instance_count, 3); (33) of the ``chosen`` ones, shape (instance_count,), that
+    are not equally stiff all along."""
+    holders, material, length = problem.holders, problem.rod.arrays.material[:, 0], problem.length_in_use()
+    stiffness = (problem.rod.each(material[..., :2]) * about[:, None, :2] ** 2).sum(axis=2)
+    free = [_turns(kind, own, about) for kind, own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))]
+    first = stiffness[:, 0]
+    units = first / length**2, first / length, first / length, np.ones_like(length)
+    found = np.zeros((4, problem.instance_count))
+    for (base, end), mode in MODES.items():
+        own = (free[0] == base) & (free[1] == end)
+        found[:, own] = np.array([mode.thrust, mode.base_moment, mode.tip_moment, mode.base_turn])[:, None]
+    found *= units
+    uneven = chosen & (stiffness != first[:, None]).any(axis=1)
+    if uneven.any():
+        ends = problem.rod.each(problem.rod.arrays.end[:, 0]) + (length - problem.length)[:, None]
+        found[:, uneven] = _uneven(ends[uneven], stiffness[uneven], length[uneven], *(own[uneven] for own in free))
+    return Modes(*found)
+
+
+def _uneven(
+    ends: FloatArray, stiffness: FloatArray, length: FloatArray, base: NDArray[np.bool_], end: NDArray[np.bool_]
+) -> FloatArray:
+    """(33) Of rods of several sections, which end at ``ends``, (count, section): the attributes of ``Modes``, (4, count)."""
+    count, n = len(length), ELEMENTS + 1
+    mesh = length[:, None] * np.linspace(0.0, 1.0, n)
+    begins = np.concatenate([np.zeros((count, 1)), np.clip(ends[:, :-1], 0.0, None)], axis=1)
+    within = np.clip(mesh[:, :, None] - begins[:, None], 0.0, np.clip(ends - begins, 0.0, None)[:, None])
+    k = 1 / np.diff((within / stiffness[:, None]).sum(axis=2), axis=1)  # of elements, by how much their parts bend
+    K, at = np.zeros((count, n, n)), np.arange(ELEMENTS)
+    for i, j, sign in ((at, at, 1.0), (at + 1, at + 1, 1.0), (at, at + 1, -1.0), (at + 1, at, -1.0)):
+        K[:, i, j] += sign * k
+    M = (length / ELEMENTS)[:, None] * np.where((np.arange(n) == 0) | (np.arange(n) == ELEMENTS), 0.5, 1.0)
+    root = np.sqrt(M)
+    held = np.stack([~base, ~end], axis=1)
+    A, away = K / (root[:, :, None] * root[:, None]), np.zeros((count, n))
+    far = 10 * A[:, at, at].max(axis=1)
+    for node, own in zip((0, ELEMENTS), held.T, strict=True):
+        A[own, node], A[own, :, node] = 0.0, 0.0
+        A[own, node, node] = far[own]
+        away[:, node] = own
+    aside = np.where(away > 0, 0.0, root)  # no turn of the rod as one, which moves its end
+    aside /= np.linalg.norm(aside, axis=1)[:, None]
+    P = np.eye(n) - aside[:, :, None] * aside[:, None]
+    values, vectors = np.linalg.eigh(P @ A @ P + far[:, None, None] * (aside[:, :, None] * aside[:, None]))
+    thrust, turn = values[:, 0], np.sqrt(2 * length)[:, None] * vectors[:, :, 0] / root
+    rows = (K @ turn[:, :, None])[:, :, 0] - thrust[:, None] * M * turn
+    push = (rows * (1 - away)).sum(axis=1) / (M * (1 - away)).sum(axis=1)
+    rows -= push[:, None] * M
+    moments = np.stack([-rows[:, 0], rows[:, -1]]) * held.T
+    side = np.where(np.where(base, turn[:, 0], moments[0]) < 0, -1.0, 1.0)
+    return np.stack([thrust, side * moments[0], side * moments[1], np.where(base, side * turn[:, 0], 0.0)])
 
 
 def hinge_of(problem: "HeldProblem") -> FloatArray | None:
@@ -110,24 +176,18 @@ def to_side(problem: "HeldProblem", axis: FloatArray) -> FloatArray:
     return np.asarray(axis * problem.side * np.sign(moves[np.arange(len(moves)), first])[:, None])
 
 
-def buckled(problem: "HeldProblem", axis: FloatArray, stiffness: FloatArray, size: FloatArray) -> FloatArray:
-    """(23) Unknowns (instance_count, n) of rods that buckle about an axis (instance_count, 3), about which they are as stiff,
-    (instance_count, 1), ``size`` (instance_count, 1) the root of what they are shortened by."""
-    holders, m = problem.holders, problem.rod.unknown_count
-    whole, length = problem.length[:, None], problem.length_in_use()[:, None]
-    free = [_turns(kind, own, axis) for kind, own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))]
+def buckled(problem: "HeldProblem", axis: FloatArray, modes: Modes, size: FloatArray) -> FloatArray:
+    """(23) Unknowns (instance_count, n) of rods that buckle about an axis (instance_count, 3), ``size`` (instance_count, 1) the
+    root of what they are shortened by."""
+    holders, m, whole = problem.holders, problem.rod.unknown_count, problem.length[:, None]
+    about, unit, length = size * axis, problem.stiffness[:, None], problem.length_in_use()[:, None]
     result = np.zeros((problem.instance_count, problem.unknown_count))
-    for (base, end), mode in MODES.items():
-        chosen = (free[0] == base) & (free[1] == end)
-        unit = (stiffness / problem.stiffness[:, None] / length)[chosen]
-        own, about = np.zeros((len(unit), problem.unknown_count)), size[chosen] * axis[chosen]
-        own[:, :3] = mode.base_moment * unit * about
-        pushed = unit * (whole / length)[chosen]
-        force = pushed * ((mode.base_moment - mode.tip_moment) * cross(about, AXIS) - mode.thrust * AXIS)
-        turned = mode.base_turn * about @ holders.base_axes.T
-        own[:, m - 3 : m] = np.einsum("bji,bj->bi", matrices(turned @ holders.base_axes), force)  # in the frame that turns
-        own[:, m:] = turned / whole[chosen]
-        result[chosen] = own
+    result[:, :3] = modes.base_moment[:, None] / unit * about
+    across = ((modes.base_moment - modes.tip_moment)[:, None] / length) * cross(about, AXIS)
+    force = (whole / unit) * (across - modes.thrust[:, None] * AXIS)
+    turned = modes.base_turn[:, None] * about @ holders.base_axes.T
+    result[:, m - 3 : m] = np.einsum("bji,bj->bi", matrices(turned @ holders.base_axes), force)  # in the frame that turns
+    result[:, m:] = turned / whole
     return result
 
 

@@ -97,6 +97,21 @@ def acting(problem: "HeldProblem") -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(loads, axis=2) > problem.table.least.numpy())
 
 
+def acts_across(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """(24) Whether any load along the rod tells directions across the axis of the base apart: not forces along that, shape
+    (instance_count,)."""
+    _, pushed, torque, heavy, field = acting(problem).T
+    axis = problem.base_frame[:, :, 2]
+    pushed, heavy = (there & ~_lie_along(own, axis) for there, own in zip((pushed, heavy), _forces(problem), strict=True))
+    return np.asarray(pushed | torque | heavy | field)
+
+
+def _lie_along(values: FloatArray, axis: FloatArray) -> NDArray[np.bool_]:
+    """Which vectors (count, 3) lie along others."""
+    sizes = np.linalg.norm(values, axis=1) * np.linalg.norm(axis, axis=1)
+    return np.asarray(np.linalg.norm(cross(values, axis), axis=1) <= ON_AXIS * sizes)
+
+
 def between_balls(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(28) Whether a rod is between two balls and no moments act on it; whether what forces act along it are along the line
     between the balls, as is any slide. Shapes (instance_count,)."""
@@ -107,16 +122,15 @@ def between_balls(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np
     chord = place - problem.rod.table.base_position.numpy()
     free = between.copy()
     for own in (force, weight, *([] if problem.holders.slide is None else [frame @ problem.holders.slide])):
-        sizes = np.linalg.norm(own, axis=1) * np.linalg.norm(chord, axis=1)
-        free &= np.linalg.norm(cross(own, chord), axis=1) <= ON_AXIS * sizes
+        free &= _lie_along(own, chord)
     return between, free
 
 
 def from_clamp(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(28) Whether a round rod is from a ball to a clamp on its axis; whether nothing acts along it besides: a moment on an end
-    that is clamped does no work. Shapes (instance_count,)."""
+    """(28) Whether a round rod is from a ball to a clamp on its axis; whether nothing acts across that along it besides: a moment
+    on an end that is clamped does no work. Shapes (instance_count,)."""
     there = (problem.table.balls.numpy() == BALL_AND_CLAMP) & on_axis(problem)
-    return there, there & ~acting(problem)[:, 1:].any(axis=1)
+    return there, there & ~acts_across(problem)
 
 
 def _forces(problem: "HeldProblem") -> tuple[FloatArray, FloatArray]:
@@ -150,11 +164,11 @@ def on_axis(problem: "HeldProblem") -> NDArray[np.bool_]:
 def drawn_aside(problem: "HeldProblem") -> FloatArray:
     """(31) Forces across the axis of the base that alone tell in which plane a round rod bends, in the frame of the base, in
     ``EI/L^2``, shape (instance_count, 3): zero where moments act, or something else tells."""
-    moment, pushed, torque, heavy, field = acting(problem).T
+    moment, _, torque, _, field = acting(problem).T
     round_one = (problem.alike | (problem.table.balls.numpy() == BALL_AND_CLAMP)) & on_axis(problem)
     told = torque | field | (moment & (problem.holders.joint != CLAMPED))
     force = np.einsum("bji,bj->bi", problem.base_frame, force_along(problem)) * [1.0, 1.0, 0.0]
-    chosen = round_one & ~told & (pushed | heavy)
+    chosen = round_one & ~told & acts_across(problem)
     return np.asarray(np.where(chosen[:, None], force * (problem.length**2 / problem.stiffness)[:, None], 0.0))
 
 

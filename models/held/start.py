@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.models.backbone.kernels.loads.foundation import Foundation, RisingFoundation
-from multirod.models.held.buckling import MODES, buckled, drawn_beside, hinge_of, thrust_of, to_side
+from multirod.models.held.buckling import MODES, buckled, drawn_beside, hinge_of, modes_about, to_side
 from multirod.models.held.costless import (
     AXIS,
     between_balls,
@@ -47,7 +47,7 @@ WEIGHING = 3  # integrations of each
 NOTED = 1e-11  # of EI/L: the least difference between their energies that is no rounding: integration errs alike in mirror images
 HARDLY = 1e-3  # load across a rod whose end slides, in EI/L^2, under which it is held in the plane that this tells
 TOUCH = 1e-3  # load in EI/L^2 by which it is told where forces draw a rod
-STIFF, FAR = 2e-3, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
+STIFF, FAR = 1e-2, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
 BUCKLING = 0.01  # the same of one between two balls under forces
 
 
@@ -84,7 +84,7 @@ class Start:
         twofold: Whether that is so, shape (instance_count,).
         end: On the axis of the base, in the world, shape (instance_count, 3).
         way: Along which its middle begins to move, in the world, shape (instance_count, 3).
-        thrust: Under which it buckles, in ``EI/L^2``, shape (instance_count,).
+        thrust: Under which it buckles [N], shape (instance_count,).
     """
 
     unknowns: FloatArray
@@ -208,8 +208,8 @@ def _led(
     strain = MODES[True, True].thrust * stiffness.min(axis=1) * stretch / length**2
     pushed = (strain < BUCKLING) & (short > np.maximum(BUCKLED, FAR * strain)) & (problem.holders.slide is None)
     buckles = led & straight & pushed
-    soft = stiffness.min(axis=1)[:, None]
-    x = np.where(buckles[:, None], buckled(problem, about, soft, np.sqrt(short)[:, None]), unknowns)
+    modes = modes_about(problem, about, buckles)
+    x = np.where(buckles[:, None], buckled(problem, about, modes, np.sqrt(short)[:, None]), unknowns)
     turned = vectors(turn @ matrices(problem.length[:, None] * x[:, m:]))
     x[:, m:] = turned / problem.length[:, None]
     hold_base(problem, turned, axis, led)
@@ -255,10 +255,10 @@ def _passed(problem: "HeldProblem", start: Start, far: NDArray[np.bool_]) -> dic
     if not far.any():
         return {}
     material, length = problem.rod.arrays.material[:, 0], problem.length_in_use()
-    soft, stretch = problem.rod.each(material[..., :2].min(axis=(1, 2))), problem.rod.each(material[..., 8].max(axis=1))
+    stretch = problem.rod.each(material[..., 8].max(axis=1))
     shear = problem.rod.each(material[..., 6:8].max(axis=(1, 2)))
-    critical, more = start.thrust * soft / length**2, shear - stretch
-    thrust = 2 * critical / (1 + np.sqrt(1 + 4 * critical * more))
+    more = shear - stretch
+    thrust = 2 * start.thrust / (1 + np.sqrt(1 + 4 * start.thrust * more))
     short = 1 - np.linalg.norm(start.end - problem.rod.table.base_position.numpy(), axis=1) / length
     return {
         k: BranchEvent(
@@ -364,7 +364,6 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray, aside: FloatArray) -
     across = np.einsum("bji,bj->bi", problem.base_frame, turn) * [1.0, 1.0, 0.0]
     size = np.linalg.norm(across, axis=1)[:, None]
     stiffness = problem.rod.each(problem.rod.arrays.material[:, 0, 0, :2])
-    soft = stiffness.min(axis=1)[:, None]
     softer = np.where(stiffness[:, :1] < stiffness[:, 1:], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     uneven, hinge = stiffness[:, :1] != stiffness[:, 1:], hinge_of(problem)
     if hinge is not None:
@@ -390,10 +389,9 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray, aside: FloatArray) -
     told = turned & (neutral | (np.abs(along) > ACROSS))  # by the way in which the end is turned
     about = np.where(told, about, to_side(problem, about))
     about = np.where(drawn, cross(AXIS, aside) / np.where(drawn, pull, 1.0), about)
-    bent = [np.where(buckles, buckled(problem, sign * about, soft, np.sqrt(short)), 0.0) for sign in (1.0, -1.0)]
-    end = base + (1 - short) * length * problem.base_frame[:, :, 2]
     begins = (buckles & (short > BUCKLED))[:, 0]
+    modes = modes_about(problem, about, buckles[:, 0])
+    bent = [np.where(buckles, buckled(problem, sign * about, modes, np.sqrt(short)), 0.0) for sign in (1.0, -1.0)]
+    end = base + (1 - short) * length * problem.base_frame[:, :, 2]
     way = np.einsum("bij,bj->bi", problem.base_frame, cross(about, AXIS))
-    return Start(
-        result + bent[0], direct[:, 0], begins, result + bent[1], begins & ~told[:, 0], end, way, thrust_of(problem, about)
-    )
+    return Start(result + bent[0], direct[:, 0], begins, result + bent[1], begins & ~told[:, 0], end, way, modes.thrust)

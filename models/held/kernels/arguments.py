@@ -14,6 +14,7 @@ IN_BALLS, ROUND_IN_BALLS, SPINS = 1, 2, 3  # (28) rods between two balls, such o
 BALL_AND_CLAMP = 4  # round ones from a ball to a clamp
 BESIDE, LED_ON = 1, 2  # (32) what is held against its turn until the full load, and what is there too
 ALONG = ("distributed_force", "distributed_moment", "gravity", "magnetic_field")  # as they stand in a row of a rod's inputs
+FORCE, TORQUE, WEIGHT, FIELD = (3 * k for k in range(len(ALONG)))  # where, after ``along``
 
 
 @wp.struct

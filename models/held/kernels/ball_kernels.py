@@ -3,24 +3,12 @@
 
 import warp as wp
 
-from multirod.models.held.kernels.arguments import (
-    ALONG,
-    BALL_AND_CLAMP,
-    ON_AXIS,
-    ROUND_IN_BALLS,
-    Held,
-)
-from multirod.models.held.kernels.base_kernels import acts, acts_along, leading, on_axis, turn_of
+from multirod.models.held.kernels.arguments import BALL_AND_CLAMP, FIELD, FORCE, ROUND_IN_BALLS, TORQUE, WEIGHT, Held
+from multirod.models.held.kernels.base_kernels import acts, acts_across, leading, lies_along, on_axis, turn_of
 from multirod.models.joint_kernels import column_of, vector
 from multirod.models.rotation_kernels import rotation_from_vector
 
 f64 = wp.float64
-FORCE, TORQUE, WEIGHT, FIELD = (3 * k for k in range(len(ALONG)))  # places after ``along``
-
-
-@wp.func
-def lies_along(v: wp.vec3d, axis: wp.vec3d) -> bool:
-    return wp.length(wp.cross(v, axis)) <= f64(wp.static(ON_AXIS)) * wp.length(v) * wp.length(axis)
 
 
 @wp.func
@@ -32,7 +20,7 @@ def weights(held: Held, b: int) -> wp.vec2d:
     if held.balls[b] == wp.static(BALL_AND_CLAMP):
         if not on_axis(held, b):
             return none
-        return wp.vec2d(f64(0.0), wp.where(acts_along(held, b), leading(held, b), f64(1.0)))
+        return wp.vec2d(f64(0.0), wp.where(acts_across(held, b), leading(held, b), f64(1.0)))
     force = vector(held.problem.inputs, b, held.along + wp.static(FORCE))
     weight = vector(held.problem.inputs, b, held.along + wp.static(WEIGHT))
     pushed, heavy = acts(held, b, held.along + wp.static(FORCE), 1), acts(held, b, held.along + wp.static(WEIGHT), 3)

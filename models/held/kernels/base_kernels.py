@@ -7,7 +7,7 @@ Numbers in parentheses are those of ``docs/held.md``.
 import warp as wp
 
 from multirod.kernels.own_module import own_module
-from multirod.models.held.kernels.arguments import ALONG, BESIDE, LED_ON, ON_AXIS, Held
+from multirod.models.held.kernels.arguments import ALONG, BESIDE, FIELD, FORCE, LED_ON, ON_AXIS, TORQUE, WEIGHT, Held
 from multirod.models.joint_kernels import vector
 from multirod.models.rotation_kernels import left_jacobian, rotation_from_vector
 
@@ -47,12 +47,19 @@ def acts(held: Held, b: int, place: int, kind: int) -> bool:
 
 
 @wp.func
-def acts_along(held: Held, b: int) -> bool:
-    """(24) Whether any load along the rod does."""
-    acting = False
-    for k in range(wp.static(len(ALONG))):
-        acting = acting or acts(held, b, held.along + 3 * k, 1 + k)
-    return acting
+def lies_along(v: wp.vec3d, axis: wp.vec3d) -> bool:
+    return wp.length(wp.cross(v, axis)) <= f64(wp.static(ON_AXIS)) * wp.length(v) * wp.length(axis)
+
+
+@wp.func
+def acts_across(held: Held, b: int) -> bool:
+    """(24) Whether any load along the rod tells directions across the axis of the base apart: not forces along that."""
+    axis = held.base_frame[b] * wp.vec3d(f64(0.0), f64(0.0), f64(1.0))
+    pushed = acts(held, b, held.along + wp.static(FORCE), 1)
+    heavy = acts(held, b, held.along + wp.static(WEIGHT), 3)
+    drawn = pushed and not lies_along(vector(held.problem.inputs, b, held.along + wp.static(FORCE)), axis)
+    drawn = drawn or (heavy and not lies_along(vector(held.problem.inputs, b, held.along + wp.static(WEIGHT)), axis))
+    return drawn or acts(held, b, held.along + wp.static(TORQUE), 2) or acts(held, b, held.along + wp.static(FIELD), 4)
 
 
 @wp.func
@@ -64,13 +71,13 @@ def leading(held: Held, b: int) -> f64:
 @wp.func
 def drawn_or(held: Held, b: int, other: wp.vec3d) -> wp.vec3d:
     """(31) Where loads draw the rod on the way, in the frame of the base."""
-    return wp.where(wp.length(held.drawn[b]) > f64(0.0) and acts_along(held, b), held.drawn[b], other)
+    return wp.where(wp.length(held.drawn[b]) > f64(0.0) and acts_across(held, b), held.drawn[b], other)
 
 
 @wp.func
 def is_neutral(held: Held, b: int) -> bool:
-    """(10) The same of a rod that is alike about it, and on which nothing acts along it."""
-    return held.alike[b] != 0 and on_axis(held, b) and not acts_along(held, b)
+    """(10) The same of a rod that is alike about it, and on which nothing acts along it, or along this axis alone."""
+    return held.alike[b] != 0 and on_axis(held, b) and not acts_across(held, b)
 
 
 @wp.func
@@ -82,7 +89,7 @@ def weight_of_phase(held: Held, b: int) -> f64:
         return wp.max(f64(1.0) - held.problem.load_factor[b], f64(0.0))
     if held.alike[b] == 0 or not on_axis(held, b):
         return f64(0.0)
-    return wp.where(acts_along(held, b), leading(held, b), f64(1.0))
+    return wp.where(acts_across(held, b), leading(held, b), f64(1.0))
 
 
 @wp.func
