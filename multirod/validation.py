@@ -247,7 +247,8 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
         refuse(field, named, f"must have {wanted}{_shape_meant(field, result.shape, tail)}")
     if finite and not (within := np.abs(result) <= LARGEST).all():  # one comparison tells both, of most
         if not (known := np.isfinite(result)).all():
-            refuse(field, first_of(~known, result, value), "must be finite")
+            missing = "; NaN of a result stands where there is none, ask its status" * bool(np.isnan(result).any())
+            refuse(field, first_of(~known, result, value), f"must be finite{missing}")
         refuse(field, first_of(~within, result, value), f"must be finite, and at most {LARGEST:g} in SI units")
     result.flags.writeable = False
     return result
@@ -271,12 +272,14 @@ def _together_meant(value: object, tail: tuple[int, ...]) -> str:
     """What was probably meant by numbers beside arrays, as the end of a message."""
     if not isinstance(value, (list, tuple)):
         return ""
-    if all(isinstance(item, (list, tuple)) and len(item) == 2 and np.ndim(item[0]) < np.ndim(item[1]) for item in value):
-        return "; what varies along a rod, beside its precurvature, is given by sections, Rod(sections=[Section(...), ...])"
     try:
-        alike = np.broadcast_shapes(*(np.shape(item) for item in value))
-    except ValueError:  # ragged, or of lengths that do not fit
+        shapes = [np.shape(item) for item in value if not isinstance(item, (list, tuple))]
+        pairs = [[np.ndim(part) for part in item] for item in value if isinstance(item, (list, tuple)) and len(item) == 2]
+        alike = np.broadcast_shapes(*shapes) if len(shapes) == len(value) else ()
+    except Exception:  # noqa: BLE001  (lengths that do not fit, or whatever someone's object raises)
         return ""
+    if len(pairs) == len(value) and all(first < second for first, second in pairs):
+        return "; what varies along a rod, beside its precurvature, is given by sections, Rod(sections=[Section(...), ...])"
     if not alike or (tail and len(value) != tail[-1]):
         return ""
     return f"; of a batch {alike}, components are put together by np.stack(np.broadcast_arrays(...), axis=-1)"

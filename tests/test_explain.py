@@ -375,10 +375,11 @@ def test_legs_that_turn_at_the_platform_promise_nothing():
 
 def test_an_inverse_problem_can_be_explained():
     rod = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, linear_density=0.05)
-    poses = np.tile(np.eye(4), (6, 1, 1))
-    angle = 2 * pi * np.arange(6) / 6
-    poses[:, :2, 3] = 0.06 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    inverse = mr.ParallelRods(legs=[rod] * 6, base=poses, platform=poses).inverse()
+    base, platform = np.tile(np.eye(4), (2, 6, 1, 1))
+    for poses, aside in ((base, 0.4), (platform, -0.4)):  # legs that cross in pairs
+        angle = 2 * pi * np.arange(6) / 6 + aside * (-1) ** np.arange(6)
+        poses[:, :2, 3] = 0.06 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    inverse = mr.ParallelRods(legs=[rod] * 6, base=base, platform=platform).inverse()
     inputs = inverse.inputs(platform_position=(0, 0, 0.28), gravity=(0, 0, -1.0))
     less, inputs = mr.explain(inverse, inputs).without("gravity", "torsion")
     assert np.isinf(less.robot.legs[0].sections[0].torsional_stiffness)

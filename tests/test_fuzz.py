@@ -220,16 +220,16 @@ def wire(**changes: Any) -> mr.Rod:
     return mr.Rod(**{"length": 0.4, "bending_stiffness": 0.2, "torsional_stiffness": 0.06, **changes})
 
 
-def circle(count: int, radius: float) -> np.ndarray:
+def circle(count: int, radius: float, aside: float = 0.0) -> np.ndarray:
     poses = np.tile(np.eye(4), (count, 1, 1))
-    angle = 2 * np.pi * np.arange(count) / count
+    angle = 2 * np.pi * np.arange(count) / count + aside * (-1) ** np.arange(count)
     poses[:, :2, 3] = radius * np.stack([np.cos(angle), np.sin(angle)], 1)
     return poses
 
 
 ROBOT = mr.SingleRod(wire())
 TUBES = mr.ConcentricTubes([wire(length=0.5), wire(length=0.3)])
-LEGS = mr.ParallelRods(legs=[wire()] * 6, base=circle(6, 0.1), platform=circle(6, 0.05))
+LEGS = mr.ParallelRods(legs=[wire()] * 6, base=circle(6, 0.1), platform=circle(6, 0.05, aside=0.4))
 HELD = mr.HeldRod(wire(), base_joint="spherical")
 INPUTS = ROBOT.inputs(tip_force=(0.1, 0, 0))
 MOTION = ROBOT.inputs(tip_force=[(0.1, 0, 0), (0.2, 0, 0)])

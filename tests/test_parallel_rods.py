@@ -459,6 +459,16 @@ def test_a_pose_that_leaves_a_leg_no_length_is_refused():
     assert turned.given == ("platform_position", "platform_rotation")
 
 
+def test_a_platform_that_is_like_its_base_is_told():
+    """The lines of its legs depend on each other wherever it is moved and turned (Ma and Angeles, ICRA 1991)."""
+    poses = [mr.Pose(position=(0.1 * np.cos(a), 0.1 * np.sin(a), 0), rotation=np.eye(3)) for a in np.pi / 3 * np.arange(6)]
+    inverse = mr.ParallelRods(legs=hexapod().legs, base=poses, platform=poses).inverse()
+    for turn in ((0, 0, 0), (0.2, 0.1, 0.5)):
+        with pytest.warns(mr.PlausibilityWarning, match="lines from bases to attachments depend on each other at this"):
+            inverse.inputs(platform_position=(0.02, 0, 0.39), platform_rotation=turn)
+    hexapod().inverse().inputs(platform_position=(0.02, 0, 0.39))  # warnings are errors here
+
+
 def test_the_inverse_problem_keeps_to_limits():
     robot = hexapod()
     centre = mr.solve(robot).tip_position

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
+from multirod import plausibility
 from multirod.assembly import Assembly, Backbone
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import (
@@ -82,7 +83,17 @@ class InverseParallelRods(Assembly):
 
     @listed(*POSE_INPUTS, *INPUTS, *DRIVE_INPUTS)
     def inputs(self, **values: Unpack[InverseParallelRodsInputs]) -> Inputs:  # type: ignore[override]  # noqa: D102  (as ``listed`` says)
-        return super().inputs(**InverseParallelRodsInputs(**values))
+        result = super().inputs(**InverseParallelRodsInputs(**values))
+        bent = (section.precurvature for rod in self.rods for section in rod.sections)
+        if not any(not isinstance(own, np.ndarray) or own.any() for own in bent):
+            plausibility.of_leg_lines(*self._ends(result), result.platform_position)
+        return result
+
+    def _ends(self, inputs: Inputs) -> tuple[FloatArray, FloatArray]:
+        """Where legs begin, shape (..., 6, 3), and where they are held by the platform, in the world [m]."""
+        position, turn = inputs.platform_position[..., None, :], matrices(inputs.platform_rotation)[..., None, :, :]
+        base, platform = self.geometry.base, self.geometry.platform[..., :3, 3:]
+        return base[..., :3, 3], position + (turn @ platform)[..., 0]
 
     @property
     def input_specs(self) -> tuple[InputSpec, ...]:  # noqa: D102
@@ -94,12 +105,11 @@ class InverseParallelRods(Assembly):
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         self.robot.check(inputs)
-        position, turn = inputs.platform_position[..., None, :], matrices(inputs.platform_rotation)[..., None, :, :]
-        base, platform = self.geometry.base, self.geometry.platform[..., :3, 3:]
-        apart = np.linalg.norm(position + (turn @ platform)[..., 0] - base[..., :3, 3], axis=-1)
+        base, attached = self._ends(inputs)
+        apart = np.linalg.norm(attached - base, axis=-1)
         if (none := apart <= ROUNDED * self.longest).any():
             *where, leg = np.argwhere(none)[0].tolist()
-            given = np.broadcast_to(position[..., 0, :], (*none.shape[:-1], 3))[tuple(where)].tolist()
+            given = np.broadcast_to(inputs.platform_position, (*none.shape[:-1], 3))[tuple(where)].tolist()
             refuse("platform_position", given, f"leg {leg} would end where it begins, nothing of it in use")
 
     def input_directions(self, *names: str) -> dict[str, Any]:  # noqa: D102

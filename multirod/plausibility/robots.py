@@ -21,6 +21,8 @@ from multirod.plausibility.limits import (
 from multirod.plausibility.warning import say
 from multirod.validation import FloatArray
 
+DEPENDENT = 1e-6  # least singular value of six lines, of the largest, below which they are none
+
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
     from multirod.inputs import InputSpec
@@ -36,6 +38,23 @@ def of_place(field: str, position: FloatArray | None) -> None:
     """Warn of a place, of a target or measured, that is far away; what is missing of it is NaN."""
     if position is not None and not np.abs(position).max(initial=0.0) <= LENGTH.high:
         LENGTH.check(field, np.maximum(np.abs(position), LENGTH.low))
+
+
+def of_leg_lines(base: FloatArray, attached: FloatArray, origin: FloatArray) -> None:
+    """Warn where the lines of six straight legs, from ``base`` to where they are ``attached`` (..., 6, 3), depend on each other:
+    what pushes along them does not balance every wrench on the platform, at ``origin`` (..., 3)."""
+    along, arm = attached - base, attached - origin[..., None, :]
+    size = np.linalg.norm(arm, axis=-1).max(axis=-1)[..., None, None]
+    along = along / np.linalg.norm(along, axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        wrenches = np.concatenate([along, np.cross(arm, along) / size], axis=-1)
+    lengths = np.linalg.svd(np.nan_to_num(wrenches), compute_uv=False)
+    if (lengths[..., -1] < DEPENDENT * lengths[..., 0]).any():
+        say(
+            "the lines from bases to attachments depend on each other at this platform_position, as everywhere where base and "
+            "platform are hexagons that are alike: what pushes along them does not hold the platform every way, and translations "
+            "may not be told; attach legs elsewhere, such as in pairs that cross"
+        )
 
 
 def of_limits(field: str, name: str, values: FloatArray) -> None:
