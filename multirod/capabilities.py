@@ -347,18 +347,18 @@ class Conjugates(ABC):
 class Clamps(ABC):
     """Clamps at places along rods, that hold how these are turned by moments, which are unknowns beside those of the problem.
 
-    With the clamps held, and what ``pairs`` says of the ends, a rod has no mode of its own that could vanish, as its pieces are
-    short: so how they are turned tells all that energy descent needs to know (``docs/branches.md``). The moments stand among the
-    directions of the problem, ``size`` of them.
+    With these and its ends held a rod has no mode of its own that could vanish: how they turn tells all (``docs/branches.md``).
 
     Attributes:
-        size: Moments of all clamps.
+        size: Moments of all clamps, which stand among the directions of the problem.
         first: The first of each clamp, shape (clamp,).
         unit: Moment of one unit of each [N m^2], shape (instance_count, size).
+        blocks: Of each, the block of the problem's ``arrow`` that alone it meets, the last one aside, (size,); None if not known.
     """
 
     size: int
     unit: FloatArray
+    blocks: IntArray | None = None
 
     @property
     def first(self) -> IntArray:

@@ -3,13 +3,13 @@
 Numbers in parentheses are those of ``docs/branches.md``.
 """
 
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from multirod.batch import IntArray
+from multirod.solvers.following.arrow import Arrow, inverses
 from multirod.validation import FloatArray
 
 SOFT = 1e-6  # of K/L: a mode no stiffer than this is neutral
@@ -40,6 +40,7 @@ class Points:
         settled: The unknowns of the problem without clamps, turned so to where it wants them [1/m], shape (k, n).
         clamps: Where those of each clamp stand among what forces do work on, -1 where another has more, shape (clamp, turn); None
             without clamps.
+        arrow: Where legs stand that meet only at their platform; None where that is not known.
     """
 
     unknowns: FloatArray
@@ -56,6 +57,7 @@ class Points:
     costless: FloatArray | None = None
     settled: FloatArray | None = None
     clamps: IntArray | None = None
+    arrow: Arrow | None = None
 
     def __getitem__(self, row: int) -> "Point":
         return Point(self, row)
@@ -180,7 +182,10 @@ class Slopes:
         both, gamma, forces = points.turned, points.gamma, points.forces
         n, m = gamma.shape[-1], len(forces)
         fit = np.asarray(np.isfinite(both).all(axis=(1, 2)) & np.isfinite(gamma).all(axis=(1, 2)))
-        inverse = inverses(np.where(fit[:, None, None], both, np.eye(n)))
+        arrow = points.arrow
+        regular = both if fit.all() else np.where(fit[:, None, None], both, np.eye(n) if arrow is None else arrow.neutral)
+        self._inverse = None if arrow is None or not arrow.fits(regular) else arrow.inverse(regular)
+        inverse = inverses(regular) if self._inverse is None else self._inverse.dense()
         others = np.delete(np.arange(n), forces)
         with np.errstate(invalid="ignore", over="ignore"):  # of states far from any equilibrium, which are not fit
             # of rows that are made as large: turns are by lengths, constraints have no unit
@@ -196,7 +201,7 @@ class Slopes:
                 gradient[k] = turn.without(gradient[k])
         self.fit, self.gradient, self.stiffness = fit, gradient, points.stiffness
         self.ways, self.back = inverse[:, :, :m], back
-        self.facing = np.linalg.slogdet(np.where(fit[:, None, None], both, np.eye(n)))[0]
+        self.facing = np.linalg.slogdet(regular)[0] if self._inverse is None else self._inverse.sign
         self.clamps: int = points.frames.shape[1] - 1
         self._points, self._clamps = points, points.clamps
 
@@ -207,6 +212,8 @@ class Slopes:
         """How the gradient changes with the displacements, (2), shape (k, m, m)."""
         points = self._points
         with np.errstate(invalid="ignore", over="ignore"):
+            if self._inverse is not None:
+                return points.unit[:, :, None] * self._inverse.changes(points.gamma)
             return np.asarray(points.unit[:, :, None] * points.gamma[:, points.forces] @ self.ways)
 
     @cached_property
@@ -326,15 +333,3 @@ def downhill(along: FloatArray, values: FloatArray, radius: FloatArray) -> Float
 def norms(vectors: FloatArray) -> FloatArray:
     """Of each of many (k, n), as ``np.linalg.norm`` of each alone."""
     return np.asarray(np.sqrt((vectors[:, None, :] @ vectors[:, :, None])[:, 0, 0]))
-
-
-def inverses(matrices: FloatArray) -> FloatArray:
-    """Of each of many (k, n, n); NaN of what is singular."""
-    try:
-        return np.asarray(np.linalg.inv(matrices))
-    except np.linalg.LinAlgError:
-        result = np.full_like(matrices, np.nan)
-        for k, matrix in enumerate(matrices):
-            with suppress(np.linalg.LinAlgError):
-                result[k] = np.linalg.inv(matrix)
-        return result

@@ -90,7 +90,7 @@ def follow(
             most = TURN / np.maximum(part.turning(start), 1e-300)
         clampings = int(parts.may_be_clamped) if before is None else parts.clampings
         clamped = [partial(lambda way, some: parts.clamped(own[some], PIECES, times, way), k) for k in range(clampings)]
-        together = _Together(part, start, clamped)
+        together = _Together(part, start, clamped, (unknowns[own], reached[own]))
         journeys = [
             Journey(
                 np.array(unknowns[place]),
@@ -145,6 +145,8 @@ class _Together:
         part: Their problem.
         before: Inputs where their ways begin; None where loads are raised.
         clamped: Make the same problem of some instances with clamps, by each way that there is.
+        starts: Unknowns and levels where those wait that do not ask what stands, shapes (instance_count, n) and
+            (instance_count,); None where they stay.
         judged: Whether more than residuals is asked for.
     """
 
@@ -153,11 +155,13 @@ class _Together:
         part: BoundaryProblem,
         before: FloatArray | None = None,
         clamped: Sequence[Callable[[IntArray], BoundaryProblem]] = (),
+        starts: tuple[FloatArray, FloatArray] | None = None,
         judged: bool = True,
     ) -> None:
         self.part, self.before, self.after = part, before, part.read("inputs")
         self.levels = np.ones(part.instance_count)
         self._most_steps = MOST_STEPS * len(part.blocks)
+        self._calm = starts
         self._steps = np.zeros(part.instance_count, dtype=np.int64)  # of all integrations
         self._each = np.full(part.instance_count, 2**31)  # of the shortest, as which those go that are not counted
         self.tip = None if not judged or part.conjugates is None else Turns(part.conjugates)
@@ -293,7 +297,7 @@ class _Together:
             one = slice(row, row + 1)
             first = unknowns[one], self.levels[k : k + 1].copy(), residual[one], gamma[one]
             points = Points(*first, turns.forces, *(values[one] for values in arrays))
-            found[k] = replace(points, clamps=turns.held)[0]
+            found[k] = replace(points, clamps=turns.held, arrow=turns.arrow)[0]
         return found
 
     def _in_pieces(self, clamping: int, asked: list[int]) -> tuple[IntArray, ClampedTurns]:
@@ -355,12 +359,18 @@ class _Together:
         stability = self.part.stability
         assert stability is not None  # or there was nothing to follow
         self._steps[list(asked)] += self._each[list(asked)]
-        values = self.part.read("unknowns")
-        for k, request in asked.items():
-            values[k], self.levels[k] = request.unknowns, request.level
+        before = self.part.read("unknowns"), self.levels.copy()
+        # all are looked at: of what a step led to far from any equilibrium, that may take a hundred times as long
+        values, levels = before if self._calm is None else self._calm
+        for own, own_levels in ((values, levels), before):
+            for k, request in asked.items():
+                own[k], own_levels[k] = request.unknowns, request.level
+        self.levels[:] = levels
         self.part.write("unknowns", values)
         with self._placed(self.part), self.part.everyone():
             yield stability
+        self.levels[:] = before[1]
+        self.part.write("unknowns", before[0])  # of those that have come to an end, what is kept
 
 
 def _polish(problem: BoundaryProblem, places: IntArray, journeys: Sequence[Journey]) -> None:

@@ -3,10 +3,14 @@
 Numbers in parentheses are those of ``docs/branches.md``.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
+from multirod.batch import IntArray
 from multirod.capabilities import Conjugates
 from multirod.problem import BoundaryProblem
+from multirod.solvers.following.arrow import Arrow
 from multirod.validation import FloatArray
 
 GIVE = 1e-6  # of L^3/EI: what holds the end of a rod with clamps gives way by, in steps alone
@@ -20,6 +24,7 @@ class ClampedTurns:
 
     Attributes:
         held: As ``Points.clamps``.
+        arrow: As ``Points`` has it.
     """
 
     def __init__(self, problem: BoundaryProblem) -> None:
@@ -32,6 +37,13 @@ class ClampedTurns:
         self.held = np.where(turns < ends[:, None], len(clamps.pairs.forces) + turns, -1)
         self.stiffness = clamps.pairs.stiffness
         self._order = np.append(self.forces, np.setdiff1d(np.arange(n), clamps.pairs.forces))
+        self.arrow = None if clamps.blocks is None else self._arrow(clamps.blocks)
+
+    def _arrow(self, of_moments: IntArray) -> Arrow:
+        """By the block of each moment, (clamps.size,)."""
+        problem, n = self.problem, self.problem.unknown_count
+        own = [np.append(range(*place), n + np.flatnonzero(of_moments == k)) for k, place in enumerate(pairwise(problem.arrow))]
+        return Arrow(own[:-1], own[-1], self._order, self.forces)
 
     def put(self, unknowns: FloatArray) -> None:
         """Unknowns and moments (instance_count, size) to where the next integration finds them."""
@@ -48,14 +60,16 @@ class ClampedTurns:
         gamma[:, :n, :n] = problem.read("gamma").reshape(count, n, n)
         gamma[:, :n, n:] = problem.residual_directions.numpy()[..., : clamps.size]
         gamma[:, n:, n:] = -np.eye(clamps.size)
-        scale = pairs.scale.numpy()
-        result = np.array(gamma)
-        result[:, pairs.forces] = pairs.columns.numpy()[:, :, :size] / scale[..., None]
-        result[:, n:] = clamps.turned()
+        scale, first = pairs.scale.numpy(), len(pairs.forces)
+        result = np.empty((count, size, size))
+        result[:, :first] = pairs.columns.numpy()[:, :, :size] / scale[..., None]
+        result[:, first : first + clamps.size] = clamps.turned()
+        result[:, first + clamps.size :] = gamma[:, self._order[first + clamps.size :]]
         give = clamps.give()
         if give is not None:
-            result[:, :n, :n] += GIVE * give
-        return residual, gamma, np.concatenate([pairs.unit.numpy() * scale, clamps.unit], axis=1), result[:, self._order]
+            below = self._order < n  # not the clamps, which nothing holds
+            result[:, below, :n] += GIVE * give[:, self._order[below]]
+        return residual, gamma, np.concatenate([pairs.unit.numpy() * scale, clamps.unit], axis=1), result
 
 
 class Turns:

@@ -68,6 +68,9 @@ class Chain:
             setattr(segment, name, wp.zeros((count, self.state.size), dtype=wp.float64, device=device))
         segment.columns = wp.zeros((count, d + 3, d + loads), dtype=wp.float64, device=device)
         self._segment, tableau = segment, problem.integrator.tableau
+        names = ("state", "start", "end", "at_tip", "fault", "end_state", "columns")
+        # copies by Warp take as long as a segment, and are not needed where the memory is NumPy's too
+        self._shared = {name: getattr(segment, name).numpy() for name in names} if problem.on_host else None
         self._launch = record(
             partial(make_segment_kernel, self.features, tableau, lanes),
             threads(self.call, count),
@@ -105,7 +108,12 @@ class Chain:
             States where they end; how these vary by those where they begin, and along the ``loads``, then how the position does
             along the axes of the base, (instance_count, variations.size + 3, variations.size + loads); faults.
         """
-        segment = self._segment
+        segment, shared = self._segment, self._shared
+        if shared is not None:
+            for name, values in (("state", states), ("start", start), ("end", end), ("at_tip", last), ("fault", 0)):
+                shared[name][...] = values
+            self._launch.launch()
+            return shared["end_state"].copy(), shared["columns"], shared["fault"]
         segment.state.assign(states)
         segment.start.assign(start)
         segment.end.assign(end)
