@@ -31,9 +31,11 @@ def rod(**given):
 
 
 def legs(**given):
-    poses = np.tile(np.eye(4), (6, 1, 1))
-    poses[:, :2, 3] = 0.087 * np.stack([np.cos(np.arange(6)), np.sin(np.arange(6))], -1)
-    return mr.ParallelRods(**{"legs": [wire()] * 6, "base": poses, "platform": poses, **given})
+    base, platform = np.tile(np.eye(4), (2, 6, 1, 1))
+    for poses, aside in ((base, 0.35), (platform, -0.35)):  # they cross in pairs
+        angle = np.pi / 3 * np.arange(6) + aside * (-1) ** np.arange(6)
+        poses[:, :2, 3] = 0.087 * np.stack([np.cos(angle), np.sin(angle)], -1)
+    return mr.ParallelRods(**{"legs": [wire()] * 6, "base": base, "platform": platform, **given})
 
 
 robot = mr.SingleRod(rod())
