@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any, NoReturn
 
 import numpy as np
+from numpy.polynomial.chebyshev import poly2cheb
 
 from multirod.validation import DOUBLE, LARGEST, PLAIN, FloatArray, array, frozen, refuse
 
@@ -54,6 +55,11 @@ class Profile:
         k = min(int(np.searchsorted(self.ends, s)), len(self.ends) - 1)
         return float(self.ends[k - 1]) if k else 0.0, float(self.ends[k]), self.coefficients[k]
 
+    @property
+    def bound(self) -> float:
+        """What the vector of values is nowhere longer than; its largest length where pieces are constant or linear."""
+        return float(bounds(self.coefficients).max())
+
     @classmethod
     def resolved(cls, ends: FloatArray, coefficients: FloatArray) -> "Profile":
         """From polynomials alone, whose function is not at hand: it holds where it was resolved, and cannot be resolved anew."""
@@ -84,6 +90,13 @@ def _nodes(degree: int) -> FloatArray:
 
 
 @cache
+def _to_chebyshev(degree: int) -> FloatArray:
+    """Coefficients by Chebyshev polynomials of each power, its columns."""
+    powers = np.eye(degree + 1)
+    return np.asarray(frozen(np.stack([np.append(c, np.zeros(degree + 1 - len(c))) for c in map(poly2cheb, powers)], axis=1)))
+
+
+@cache
 def _places(count: int) -> FloatArray:
     """Where a function is looked at, of a length of 1, ``_PLACES`` of them no farther apart than 1/843: multiples of the golden
     ratio, so that no wave has all of them where it is zero."""
@@ -95,6 +108,12 @@ def interpolate(function: Callable[[float], Any], start: float, end: float, degr
     """Coefficients of the polynomial through ``function`` at the Chebyshev nodes of a piece, shape (degree + 1, width)."""
     centre, half, nodes = 0.5 * (start + end), 0.5 * (end - start), _nodes(degree)
     return np.asarray(np.linalg.solve(nodes[:, None] ** np.arange(degree + 1), [function(centre + half * t) for t in nodes]))
+
+
+def bounds(coefficients: FloatArray) -> FloatArray:
+    """What the length of each vector of polynomials is nowhere more than from -1 to 1, of coefficients (..., degree + 1, width):
+    as no Chebyshev polynomial is more than 1."""
+    return np.asarray(np.linalg.norm(_to_chebyshev(coefficients.shape[-2] - 1) @ coefficients, axis=-1).sum(axis=-1))
 
 
 def recentred(

@@ -9,6 +9,7 @@ from dropping import BOUNDS, FAMILIES, SOLVER, measure
 from test_conformance import SCENES
 
 import multirod as mr
+from multirod import profile
 from multirod.models.backbone.influence.envelope import LOADS
 from multirod.studies.terms import simplified
 
@@ -134,6 +135,25 @@ def test_a_short_soft_section_is_not_overlooked():
     inputs = robot.inputs(tip_force=(0.01, 0, 0), gravity=(1e-3, 0, 0))
     assert moved(robot, inputs, "gravity") < mr.explain(robot, inputs)["gravity"].error
     assert moved(robot, inputs, "gravity") > 2 * 1e-3 / 8  # the hinge is what moves it
+
+
+@pytest.mark.parametrize(("start", "width"), [(0.503, 0.002), (0.8763, 0.01), (0.1, 0.5)])
+def test_a_narrow_load_is_not_overlooked(start, width):
+    """A belt between 65 places along the rod was of no effect, and dropped."""
+    robot = straight()
+    inputs = robot.inputs(distributed_force=lambda s: (0.1 / width, 0, 0) if start <= s < start + width else (0, 0, 0))
+    error = mr.explain(robot, inputs)["distributed_force"].error
+    assert moved(robot, inputs, "distributed_force") < error
+    assert not mr.solve(robot, inputs, solver=SOLVER, simplify=1e-3).dropped
+
+
+def test_polynomials_are_nowhere_more_than_their_bound():
+    found = np.random.default_rng(3).normal(size=(50, profile.DEGREE + 1, 3))
+    powers = np.linspace(-1, 1, 501)[:, None] ** np.arange(profile.DEGREE + 1)
+    most, bound = np.linalg.norm(powers @ found, axis=-1).max(axis=1), profile.bounds(found)
+    assert np.all(bound >= most)
+    assert np.all(bound <= 3 * most)
+    np.testing.assert_allclose(profile.bounds(np.array([[[1.0, 2, 2]], [[0.0, 3, 4]]])), (3, 5), rtol=1e-15)
 
 
 def test_unequal_axes_of_tubes_are_within_their_bound():

@@ -21,7 +21,6 @@ SAME_PLACE = 1e-12  # [m]: ends this close are at the same place
 NODES = 20  # midpoints of as many equal parts of the length
 GROUPS = 16  # of a batch, each of which is bounded as a whole
 LARGEST_GROUP = 4096
-SAMPLES = 65  # of a load that is a function of arclength
 
 FORCES = tuple(spec.name for spec in SPECS if spec.load == "force")
 MOMENTS = tuple(spec.name for spec in SPECS if spec.load == "moment")
@@ -210,12 +209,8 @@ def _loads(
             continue
         scale = unit / length ** POWER[name]
         profile = own.profile(name)
-        if profile is not None:
-            size = max(float(np.linalg.norm(profile(s))) for s in np.linspace(0, profile.ends[-1], SAMPLES))
-            value = np.full(1, size)[:, None]
-        else:
-            value = np.linalg.norm(getattr(own, name), axis=-1)[:, None]
-        value = value / scale[:, None]
+        most = profile.bound if profile is not None else np.linalg.norm(getattr(own, name), axis=-1)[:, None]
+        value = most / scale[:, None]
         if name == "gravity":  # by mass per length: a force per length
             value = value * density.sum(axis=1)
         if name == "magnetic_field":  # by magnetisation: a moment per length, at most
