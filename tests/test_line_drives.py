@@ -689,6 +689,20 @@ def test_chambers_lengthen_a_segment_of_silicone() -> None:
     np.testing.assert_allclose(np.arctan2(-found.tip_rotation[2, 0, 2], found.tip_rotation[2, 2, 2]), turn, rtol=0.06)
 
 
+@pytest.mark.parametrize("part", [0.05, 0.004, 1e-3])
+def test_a_short_section_that_pressure_takes_the_stiffness_of_is_not_overlooked(part: float) -> None:
+    """(L9b) Soft in torsion, ``GJ = sum of P A r^2``, wherever it is; it was seen where one of 65 places was on it."""
+    (section,) = segment_of_silicone(5e-5).rods[0].sections
+    stiff = {name: getattr(section, name) for name in ("bending_stiffness", "shear_stiffness", "axial_stiffness")}
+    GJ = 0.05 * float(section.torsional_stiffness)
+    lengths, torsion = (0.0413, 0.1 * part, 0.0587 - 0.1 * part), (20 * GJ, GJ, 20 * GJ)
+    sections = [mr.Section(length=length, torsional_stiffness=own, **stiff) for length, own in zip(lengths, torsion, strict=True)]
+    robot = mr.SingleRod(mr.Rod(sections=sections, lines=segment_of_silicone(5e-5).rods[0].lines))
+    limit = GJ / (3 * 5e-5 * 0.0065**2)
+    found = mr.solve(robot, robot.inputs(pressure=limit * np.repeat([[0.9], [1.2]], 3, axis=1))).raise_if_failed()
+    assert list(found.stability) == [mr.Stability.STABLE, mr.Stability.UNSTABLE]
+
+
 def test_pressure_beyond_what_a_section_resists_is_unstable() -> None:
     """(L9b) Wide and soft as it is, across it: ``GA = sum of P A/lam``, at the tip ``lam = 1 + sum of P A/EA``. There is an
     equilibrium still, but it is no minimum."""

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from multirod.capabilities import Lines
 from multirod.models.backbone.kernels.layout.members import CONDITION, columns_in_material, drive_places
-from multirod.models.backbone.members.line_kinds import Chamber, SectionChamber
+from multirod.models.backbone.members.giving_way import least_stiffness
+from multirod.models.backbone.members.line_kinds import Chamber
 from multirod.models.backbone.members.lines import Line
 from multirod.models.backbone.members.member import Member
 from multirod.validation import FloatArray
@@ -19,9 +20,7 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
     from multirod.models.platform.problem import ParallelProblem
 
-SECTIONS = 65  # places along the rod
-RIGID = 1e6  # what counts as infinite, over the bending stiffness
-SURE = 1e-3  # over the same: more than what is not infinite makes of it
+SURE = 1e-3  # over the bending stiffness: more than what is not infinite makes of it, ``giving_way.RIGID``
 
 
 class DrivenLines(Lines):
@@ -30,17 +29,17 @@ class DrivenLines(Lines):
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
         members = problem.features.members
-        self._first = columns_in_material(members)
+        self.first = columns_in_material(members)
         # the rod that carries each
-        self._rods = problem.features.member_rods or (0,) * len(members)
-        first, material = self._first, problem.arrays.material
+        self.rods = problem.features.member_rods or (0,) * len(members)
+        first, material = self.first, problem.arrays.material
         # of each that is driven: its law, and its numbers by section (batch, section, number)
         self._driven: list[tuple[type[Member], FloatArray]] = [
-            (kind, material[:, self._rods[k], :, first[k] : first[k + 1]])
+            (kind, material[:, self.rods[k], :, first[k] : first[k + 1]])
             for k, kind in enumerate(members)
             if kind.drive is not None
         ]
-        self._driven_rods = [rod for rod, kind in zip(self._rods, members, strict=True) if kind.drive is not None]
+        self._driven_rods = [rod for rod, kind in zip(self.rods, members, strict=True) if kind.drive is not None]
 
     def length(self) -> FloatArray:  # noqa: D102
         problem = self.problem
@@ -98,10 +97,10 @@ class DrivenLines(Lines):
         if not self.problem.features.friction:
             return super().left(node_count)
         several = len(self.problem.rods) > 1
-        members = zip(self.problem.features.members, self._rods, strict=True)
+        members = zip(self.problem.features.members, self.rods, strict=True)
         result = np.ones((self.problem.instance_count, len(self._driven), node_count))
         owner = np.array([rod for kind, rod in members if kind.drive is not None])
-        for rod in sorted(set(self._rods)):  # each has its own nodes
+        for rod in sorted(set(self.rods)):  # each has its own nodes
             found = np.array(self.problem.nodes.over(node_count, rod=rod if several else None).read("node_left"))
             if self.problem.breakpoints:
                 _, left = self.problem.cut.along_lines(self.problem.breakpoints, node_count)
@@ -170,9 +169,9 @@ class DrivenLines(Lines):
         problem, members, inputs = self.problem, self.problem.features.members, self._inputs()
         weights = np.abs(self.weights())
         by_rod, first, k = np.zeros((problem.instance_count, len(problem.rods))), 0, 0
-        for rod, kind in zip(self._rods, members, strict=True):
+        for rod, kind in zip(self.rods, members, strict=True):
             material, total = problem.arrays.material[:, rod], by_rod[:, rod]
-            offsets = np.abs(self._terms(material)).sum(axis=2).max(axis=1)
+            offsets = np.abs(self.terms(material)).sum(axis=2).max(axis=1)
             stiffness = material[:, :, :3].min(axis=(1, 2)) / problem.arrays.end[:, rod, -1]
             if kind.drive is not None:
                 if kind.conditioned:
@@ -186,15 +185,15 @@ class DrivenLines(Lines):
         return by_rod
 
     def stays_stiff(self) -> NDArray[np.bool_]:
-        """Whether the sections of each rod, looked at ``SECTIONS`` places, resist every change of strain with their lines, (L4),
-        shape (instance_count,); False where a member with another law need not."""
+        """Whether the sections of each rod resist every change of strain with their lines, (L4), shape (instance_count,); False
+        where a member with another law need not."""
         problem, members = self.problem, self.problem.features.members
         count = problem.instance_count
         if all(kind.convex for kind in members):
             return np.ones(count, dtype=bool)
         if not all(kind.convex or issubclass(kind, Line) for kind in members):
             return np.zeros(count, dtype=bool)
-        return np.asarray(np.all([self._least_stiffness(rod) > 0 for rod in sorted(set(self._rods))], axis=0))
+        return np.asarray(np.all([least_stiffness(self, rod) > 0 for rod in sorted(set(self.rods))], axis=0))
 
     def gives_way(self) -> NDArray[np.bool_]:
         """(L9b) Whether some section of the rod surely gives way to a change of strain with its lines, shape (instance_count,):
@@ -208,62 +207,12 @@ class DrivenLines(Lines):
             "bending" in kind.parameters and own[..., list(kind.parameters).index("bending")].any() for kind, own in self._driven
         ):
             return np.zeros(count, dtype=bool)  # what a push rod resists by its bending is not counted
-        return np.asarray(self._least_stiffness(0) < -SURE)
+        return np.asarray(least_stiffness(self, 0) < -SURE)
 
-    def _least_stiffness(self, rod: int) -> FloatArray:
-        """Of the sections of one rod and what it carries, against changes of strain, over its bending stiffness, shape
-        (instance_count,). What shears or stretches by 1 counts as a bend by 1 over the rod's length."""
-        problem, members = self.problem, self.problem.features.members
-        shape = problem.shapes.at_nodes(SECTIONS)[0][rod]
-        s = shape.arclength - problem.read("inputs")[:, problem.input_slice("translation")][:, rod, None]
-        end, material = problem.each(problem.arrays.end[:, rod]), problem.each(problem.arrays.material[:, rod])
-        section = np.minimum((s[:, :, None] > end[:, None]).sum(axis=2), end.shape[1] - 1)
-        here = np.take_along_axis(material, section[:, :, None], axis=1)
-        rho, slope = self._offsets(s, end, section, here)
-        u = shape.curvature
-        v = np.array([0.0, 0.0, 1.0]) + np.where(here[..., 6:9] > 0, here[..., 6:9] * shape.force, 0.0)
-        stiffness = np.zeros((*s.shape, 6, 6))
-        with np.errstate(divide="ignore"):
-            stiffness[..., range(3), range(3)] = here[..., :3]
-            stiffness[..., range(3, 6), range(3, 6)] = 1 / here[..., 6:9]
-        drives, k = self.tension() / self.weights(), 0
-        for j, kind in enumerate(members):
-            if kind.drive is None:
-                continue
-            if self._rods[j] == rod and not issubclass(kind, SectionChamber):
-                T = drives[:, k, None] * here[..., self._first[j]]
-                stiffness += line_stiffness(T, rho[:, :, j], slope[:, :, j], u, v)
-            k += 1
-        unit = np.ones((*end[:, -1].shape, 6))
-        unit[..., 3:] = end[:, -1, None]
-        stiffness *= (unit[:, :, None] * unit[:, None])[:, None]
-        finite = np.where(np.isfinite(stiffness), stiffness, RIGID * here[..., :1, None])
-        return np.asarray((np.linalg.eigvalsh(finite)[..., 0] / here[..., 0]).min(axis=1))
-
-    def _offsets(
-        self, s: FloatArray, end: FloatArray, section: NDArray[np.int_], here: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """``rho`` [m] of each member that is a line, and its derivative, at arclengths of the rod, (instance_count, node, member,
-        2)."""
-        members, terms = self.problem.features.members, self._terms(here)
-        stop = np.take_along_axis(end, section, axis=1)
-        start = np.where(section > 0, np.take_along_axis(end, np.maximum(section - 1, 0), axis=1), 0.0)
-        half = np.where(stop > start, (stop - start) / 2, np.inf)
-        t, powers = (s - (start + stop) / 2) / half, np.arange(terms.shape[-2])
-        values = (t[..., None, None] ** powers @ terms)[..., 0, :]
-        slopes = (powers * t[..., None, None] ** np.maximum(powers - 1, 0) @ terms)[..., 0, :] / half[..., None]
-        rho, slope = np.zeros((2, *s.shape, len(members), 2))
-        first = 0
-        for j, kind in enumerate(members):
-            if issubclass(kind, Line):
-                rho[:, :, j], slope[:, :, j] = values[..., first : first + 2], slopes[..., first : first + 2]
-            first += len(kind.functions)
-        return rho, slope
-
-    def _terms(self, material: FloatArray) -> FloatArray:
+    def terms(self, material: FloatArray) -> FloatArray:
         """Coefficients of the functions of all members in rows (..., column) of the material, (..., degree + 1, function)."""
         count = sum(len(kind.functions) for kind in self.problem.features.members)
-        return material[..., self._first[-1] :].reshape(*material.shape[:-1], -1, count)
+        return material[..., self.first[-1] :].reshape(*material.shape[:-1], -1, count)
 
     def _inputs(self) -> FloatArray:
         """What drives each, shape (instance_count, count)."""
@@ -298,20 +247,6 @@ def rounded_energy(z: FloatArray, mu: FloatArray) -> FloatArray:
     size, part = np.sqrt(z * z + mu * mu), positive_part(z, mu)
     turned = mu * mu * np.arcsinh(z / np.where(mu > 0, mu, 1.0))
     return np.where(mu > 0, (z * z + z * size + turned) / 4 - mu * z / 2 - part * part / 2, 0.0)
-
-
-def line_stiffness(T: FloatArray, rho: FloatArray, slope: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """(L4) by (u, v) of lines of tension T (...), at rho (..., 2) with derivative ``slope``, shape (..., 6, 6)."""
-    lever = np.concatenate([rho, np.zeros((*rho.shape[:-1], 1))], axis=-1)
-    a = v + np.cross(u, lever) + np.concatenate([slope, np.zeros((*slope.shape[:-1], 1))], axis=-1)
-    size = np.linalg.norm(a, axis=-1)[..., None, None]
-    t = a[..., None] / size
-    across = T[..., None, None] / size * (np.eye(3) - t @ t.swapaxes(-1, -2))
-    # da = dv - [rho]x du
-    by = np.concatenate(
-        [np.cross(np.eye(3), lever[..., None, :]).swapaxes(-1, -2), np.broadcast_to(np.eye(3), (*size.shape[:-2], 3, 3))], axis=-1
-    )
-    return np.asarray(by.swapaxes(-1, -2) @ across @ by)
 
 
 Grouped = TypeVar("Grouped", bound="ParallelProblem | NetworkProblem")
