@@ -241,6 +241,20 @@ def test_jacobian(name, soft, difference):
         np.testing.assert_allclose(jacobian[:, k], expected, rtol=0, atol=2e-6 * np.abs(jacobian).max())
 
 
+@pytest.mark.parametrize("first", [0.2, 0.1])
+def test_a_rod_is_pushed_out_where_its_sections_end_at_breakpoints(first):
+    """In the middle or a quarter, where segments begin: of one node for both, nothing was pushed through it."""
+    made = {"bending_stiffness": 0.1, "torsional_stiffness": 0.08}
+    sections = [
+        mr.Section(length=size, precurvature=bend, **made) for size, bend in ((first, (0, 2, 0)), (0.4 - first, (0, -3, 1)))
+    ]
+    robot = mr.SingleRod(mr.Rod(sections=sections))
+    pushed = [mr.solve(robot, robot.inputs(tip_force=(100, 50, 2000), translation=way)) for way in (0, 1e-5, -1e-5)]
+    assert pushed[0].status == mr.Status.MULTIPLE_SHOOTING
+    expected = (pushed[1].tip_position - pushed[2].tip_position) / 2e-5
+    np.testing.assert_allclose(pushed[0].jacobian("translation")[:3, 0], expected, rtol=0, atol=1e-5)  # 1 where it is pulled taut
+
+
 def test_what_is_conserved_along_the_rod(soft):
     """With constant ``K`` and ``u*``, ``M . (u* + K^-1 M / 2) + N_z`` is; and the force keeps its size. The work done adds up."""
     force = np.array([60.0, -50.0, 30.0])

@@ -67,6 +67,10 @@ def part_ends(
     inputs = problem.read("inputs")
     for arrays, own in rods:
         back = ways_back(arrays, inputs[:, own], given)
+        for k, points in problem.breakpoints.items():  # which keep their arclength
+            ends = arrays.end[k % len(arrays.end)] + inputs[k, own, None]
+            if not back[k].any() and (np.abs(ends[..., None] - points.arclength[1:-1]) <= SAME_PLACE).any():
+                back[k] = APART * ends.max()
         inputs[:, own] -= back
         furthest = np.maximum(furthest, 2 * back[:, -1])
     if furthest.any():
