@@ -62,7 +62,7 @@ def test_parts_and_threads_change_no_bit(make, solver):
     robot, inputs = make(40)
     whole = mr.solve(robot, inputs, solver=solver, threads=1)
     for threads in (2, 3):
-        assert len(batch.parts(40, threads)) > threads
+        assert len(batch.parts(40, threads, robot.rod_count, "cpu")) > threads
         shared = mr.solve(robot, inputs, solver=solver, threads=threads)
         for name in ARRAYS:
             np.testing.assert_array_equal(getattr(shared, name), getattr(whole, name), err_msg=name)
