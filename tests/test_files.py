@@ -740,7 +740,8 @@ def test_an_ending_that_is_not_known_is_refused_with_those_that_are(ending, hist
     every = r"must end in \.npz or \.csv or \.nc or \.glb or \.obj or \.ply or \.stl"
     with pytest.raises(ValueError, match=f"{every} or .rrd"):
         history.save(tmp_path / f"run{ending}")
-    with pytest.raises(ValueError, match=f"{every}$"):
+    hint = r": MATLAB reads \.nc, spreadsheets \.csv" if ending else ""
+    with pytest.raises(ValueError, match=f"{every}{hint}$"):
         history[0].save(tmp_path / f"run{ending}")
     with pytest.raises(ValueError, match="a recording is of a History"):
         history[0].save(tmp_path / "run.rrd")

@@ -48,6 +48,7 @@ NOTED = 1e-11  # of EI/L: the least difference between their energies that is no
 HARDLY = 1e-3  # load across a rod whose end slides, in EI/L^2, under which it is held in the plane that this tells
 TOUCH = 1e-3  # load in EI/L^2 by which it is told where forces draw a rod
 STIFF, FAR = 1e-2, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
+STIFF_IN_MEDIUM = 2e-3  # the same where another mode is the first, whose event is not told
 BUCKLING = 0.01  # the same of one between two balls under forces
 
 
@@ -346,7 +347,8 @@ def _pushed_far(problem: "HeldProblem", end: FloatArray) -> NDArray[np.bool_]:
     soft, stretch = problem.rod.each(material[..., :2].min(axis=(1, 2))), problem.rod.each(material[..., 8].max(axis=1))
     strain = np.asarray(MODES[False, False].thrust * soft * stretch / length**2)
     short = 1 - np.linalg.norm(end - problem.rod.table.base_position.numpy(), axis=1) / length
-    stiff = (strain > 0) & (strain < STIFF) & (problem.holders.slide is None)
+    least = STIFF_IN_MEDIUM if problem.rod.arrays.loads else STIFF
+    stiff = (strain > 0) & (strain < least) & (problem.holders.slide is None)
     return np.asarray(stiff & (short > FAR * strain) & straight_at_rest(problem))
 
 
