@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import brentq, fsolve
-from scipy.special import ellipk
+from scipy.special import ellipk, jv
 
 import multirod as mr
 from multirod.models.backbone.stability.condensing.second_variation import CondensedForm, NodeColumns
@@ -19,6 +19,7 @@ OWN = {"length": LENGTH, "bending_stiffness": EI, "torsional_stiffness": GJ}
 FIRM = {"shear_stiffness": 4000.0, "axial_stiffness": 9000.0}  # so that the kernels are those of rods with shear
 SOFT = {"shear_stiffness": 40.0, "axial_stiffness": 90.0}
 PRECISE = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-12, atol=1e-14))
+STOPS = mr.Shooting(tolerance=1e-6, fallback=False, at_fold="stop")
 FORCE = (0.1, 0.3, -0.2)
 
 
@@ -701,6 +702,22 @@ def test_a_short_section_that_pressure_takes_the_stiffness_of_is_not_overlooked(
     limit = GJ / (3 * 5e-5 * 0.0065**2)
     found = mr.solve(robot, robot.inputs(pressure=limit * np.repeat([[0.9], [1.2]], 3, axis=1))).raise_if_failed()
     assert list(found.stability) == [mr.Stability.STABLE, mr.Stability.UNSTABLE]
+
+
+@pytest.mark.parametrize("modes", [2, 12, 22])
+def test_modes_of_what_pressure_leaves_little_stiffness_are_all_counted(modes: int) -> None:
+    """(7b) of docs/stability.md: a strip beside chambers that leave a thirtieth of its torsional stiffness tips over by as
+    many modes as there are zeros of J_-1/4 below F L^2 / (2 sqrt(EI GJ)), Prandtl's, shorter than those of the strip alone."""
+    x = np.linspace(0.1, 100, 20001)
+    zeros = x[1:][np.diff(np.sign(jv(-0.25, x))) != 0]
+    force = (zeros[modes - 1] + zeros[modes]) * np.sqrt(0.5 * 0.02)
+    places = [(0.05 * np.cos(angle), 0.05 * np.sin(angle)) for angle in np.radians((0, 120, 240))]
+    lines = [mr.Chamber(offset=place, area=1e-3) for place in places]
+    strip = mr.SingleRod(mr.Rod(length=1, bending_stiffness=(1e4, 0.5), torsional_stiffness=0.6, lines=lines))
+    inputs = strip.inputs(tip_force=(0, force, 0), pressure=0.58 / (3 * 1e-3 * 0.05**2))
+    found = mr.solve(strip, inputs, guess=np.zeros(3), solver=STOPS).raise_if_failed()
+    assert found.index == modes
+    assert found.stability == mr.Stability.UNSTABLE
 
 
 def test_pressure_beyond_what_a_section_resists_is_unstable() -> None:

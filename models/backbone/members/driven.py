@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
     from multirod.models.platform.problem import ParallelProblem
 
+LEAST_LEFT = 1e-4  # of the stiffness of rods, below which no more nodes are asked for
 SURE = 1e-3  # over the bending stiffness: more than what is not infinite makes of it, ``giving_way.RIGID``
 
 
@@ -193,7 +194,17 @@ class DrivenLines(Lines):
             return np.ones(count, dtype=bool)
         if not all(kind.convex or issubclass(kind, Line) for kind in members):
             return np.zeros(count, dtype=bool)
-        return np.asarray(np.all([least_stiffness(self, rod) > 0 for rod in sorted(set(self.rods))], axis=0))
+        return np.asarray(np.all([least_stiffness(self, rod)[1] > 0 for rod in sorted(set(self.rods))], axis=0))
+
+    def least_stiffness(self) -> FloatArray:
+        """The least that a rod resists bending or twisting with where lines push, (7b) of docs/stability.md [N m^2], shape
+        (instance_count,); that of the rods alone where sections give way, or members follow another law."""
+        problem, members = self.problem, self.problem.features.members
+        alone = np.asarray(problem.sizes.least_stiffness)
+        if all(kind.convex for kind in members) or not all(kind.convex or issubclass(kind, Line) for kind in members):
+            return alone
+        left = np.min([least_stiffness(self, rod)[0] for rod in sorted(set(self.rods))], axis=0)
+        return np.where(left > 0, np.clip(left, LEAST_LEFT * alone, alone), alone)
 
     def gives_way(self) -> NDArray[np.bool_]:
         """(L9b) Whether some section of the rod surely gives way to a change of strain with its lines, shape (instance_count,):
@@ -207,7 +218,7 @@ class DrivenLines(Lines):
             "bending" in kind.parameters and own[..., list(kind.parameters).index("bending")].any() for kind, own in self._driven
         ):
             return np.zeros(count, dtype=bool)  # what a push rod resists by its bending is not counted
-        return np.asarray(least_stiffness(self, 0) < -SURE)
+        return np.asarray(least_stiffness(self, 0)[1] < -SURE)
 
     def terms(self, material: FloatArray) -> FloatArray:
         """Coefficients of the functions of all members in rows (..., column) of the material, (..., degree + 1, function)."""

@@ -19,9 +19,9 @@ RIGID = 1e6  # what counts as infinite, over the bending stiffness
 E3 = np.array([0.0, 0.0, 1.0])
 
 
-def least_stiffness(lines: "DrivenLines", rod: int) -> FloatArray:
-    """Of the sections of one rod and what it carries, against changes of strain, over its bending stiffness, shape
-    (instance_count,). What shears or stretches by 1 counts as a bend by 1 over the rod's length."""
+def least_stiffness(lines: "DrivenLines", rod: int) -> tuple[FloatArray, FloatArray]:
+    """Of the sections of one rod and what it carries, against changes of strain, [N m^2], and the least over the bending
+    stiffness there, shape (instance_count,). What shears or stretches by 1 counts as a bend by 1 over the length of the rod."""
     problem = lines.problem
     shape = problem.shapes.at_nodes(SECTIONS)[0][rod]
     translation = problem.read("inputs")[:, problem.input_slice("translation")][:, rod, None]
@@ -45,7 +45,8 @@ def least_stiffness(lines: "DrivenLines", rod: int) -> FloatArray:
     unit[..., 3:] = end[:, -1, None]
     stiffness *= (unit[:, :, None] * unit[:, None])[:, None]
     finite = np.where(np.isfinite(stiffness), stiffness, RIGID * here[..., :1, None])
-    return np.asarray((np.linalg.eigvalsh(finite)[..., 0] / here[..., 0]).min(axis=1))
+    least = np.linalg.eigvalsh(finite)[..., 0]
+    return np.asarray(least.min(axis=1)), np.asarray((least / here[..., 0]).min(axis=1))
 
 
 def _strains(

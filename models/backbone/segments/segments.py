@@ -366,7 +366,7 @@ class BackboneSegments(Segments):
         moment = np.maximum(moment, np.maximum.reduceat(np.linalg.norm(cuts.states[:, :3], axis=1), cuts.first[:-1]))
         length = self.length(everyone)
         potential = force + self.problem.sizes.moment_per_length()[everyone]
-        needed = segments_needed(length, self.problem.sizes.least_stiffness[everyone], moment, potential)
+        needed = segments_needed(length, self.problem.lines.least_stiffness()[everyone], moment, potential)
         needed = np.maximum(np.maximum(needed, self.fewest_for_modes), self.problem.sizes.waves()[everyone] / WAVES)
         few = needed < MOST_NODES - 1
         if not few.any():

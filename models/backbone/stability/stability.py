@@ -48,6 +48,7 @@ class BackboneStability(StabilityAnalysis):
 
     def __init__(self, problem: "BackboneProblem") -> None:
         self.problem = problem
+        self._stiffness: FloatArray = problem.sizes.least_stiffness
 
     @property
     def multistable(self) -> bool:  # noqa: D102
@@ -175,6 +176,7 @@ class BackboneStability(StabilityAnalysis):
         if self.problem.features.turning_count and not self.problem.features.torque_count:
             # all rigid in torsion: a torque of each that nothing determines
             return CondensedForm.unknown(count, size), determinant
+        self._stiffness = self.problem.lines.least_stiffness()  # before a pass over nodes: it takes one of its own
         # each instance has its own number of nodes, whatever stands beside it in the batch
         expected = self._segments_expected()
         nodes = self._nodes(np.minimum(np.where(np.isnan(expected), 0.0, expected), MOST_NODES_AT_FIRST - 2))
@@ -345,7 +347,7 @@ class BackboneStability(StabilityAnalysis):
             bend, most, kappa = self.problem.sizes.bend_by_section
             coupling = moment + most
             potential = potential + (bend * (kappa + curvature[:, None, None])).max(axis=2).sum(axis=1)
-        return segments_needed(self.problem.sizes.furthest_end(), self.problem.sizes.least_stiffness, coupling, potential)
+        return segments_needed(self.problem.sizes.furthest_end(), self._stiffness, coupling, potential)
 
     def mode_bounds(self) -> FloatArray | None:  # noqa: D102
         if not may_be_bounded(self.problem):
