@@ -721,3 +721,55 @@ def test_a_strut_between_two_hinges_is_the_elastica(across):
     if across > 1:
         heavy = mr.solve(robot, robot.inputs(translation=0.05 * LENGTH, gravity=(-1, 0, 0))).raise_if_failed()
         assert heavy.rod(0, nodes=3).position[1, 0] < 0
+
+
+@pytest.mark.parametrize("angle", [0.0, 30.0, 53.0, 80.0, 90.0])
+def test_a_strip_on_a_hinge_aside_of_its_axes_buckles_about_both(angle):
+    """Between a ball and a hinge, under its critical load; at a hinge along an axis of the strip, in one of its planes."""
+    ratio, short = 1.75, 1e-4
+    a = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0])
+    stiff = np.array([ratio, 1.0]) * EI
+
+    def unbalanced(thrust):
+        # slopes A (cos z s/L - sin z/z) from a ball: along the hinge at the end, without a moment about it
+        z = LENGTH * np.sqrt(thrust / stiff)
+        slope, moment = np.cos(z) - np.sin(z) / z, -stiff * z * np.sin(z)
+        return a[1] ** 2 * slope[0] * moment[1] + a[0] ** 2 * slope[1] * moment[0]
+
+    loads = HINGED * np.linspace(0.5, 2.2, 400)
+    signs = np.sign([unbalanced(load) for load in loads])
+    first = next(k for k in range(399) if signs[k] != signs[k + 1])
+    critical = brentq(unbalanced, loads[first], loads[first + 1])
+    rod, end = mr.Rod(length=LENGTH, bending_stiffness=tuple(stiff), torsional_stiffness=0.015), np.eye(4)
+    end[2, 3] = (1 - short) * LENGTH
+    energies = []
+    for ball, hinge in (("base_joint", "joint"), ("joint", "base_joint")):
+        robot = mr.HeldRod(rod, end=end, **{ball: "spherical", hinge: "revolute", f"{hinge}_axis": tuple(a)})
+        solution = mr.solve(robot, robot.inputs()).raise_if_failed()
+        assert solution.stability is mr.Stability.STABLE
+        assert solution.integrations < 100  # thousands where it begins in another plane
+        np.testing.assert_allclose(
+            np.linalg.norm(solution.rod(0).force[0]), critical, rtol=3e-4
+        )  # it grows by what it is shortened
+        energies.append(float(solution.energy))
+    np.testing.assert_allclose(energies, critical * short * LENGTH, rtol=3e-4)
+
+
+def test_a_strip_that_twists_as_it_turns_in_its_hinges_is_found_at_once():
+    """Hinges that lean along it and that differ, and sections that differ: the same from its other end."""
+    parts = [
+        mr.Section(length=part * LENGTH, bending_stiffness=(1.75 * k, k), torsional_stiffness=0.4 * k)
+        for part, k in ((0.4, EI), (0.6, 2 * EI))
+    ]
+    a, b, end = np.array([1.0, 1.0, 1.0]), np.array([0.4, -1.0, 0.5]), np.eye(4)
+    end[2, 3] = 0.95 * LENGTH
+    over = np.array([1.0, -1.0, -1.0])  # said from its other end, the rod is turned by half a turn about x
+    robots = [
+        mr.HeldRod(mr.Rod(sections=own), end=end, base_joint="revolute", base_joint_axis=at, joint="revolute", joint_axis=to)
+        for own, at, to in ((parts, a, b), (parts[::-1], b * over, a * over))
+    ]
+    found = [mr.solve(robot, robot.inputs()).raise_if_failed() for robot in robots]
+    for solution in found:
+        assert solution.stability is mr.Stability.STABLE
+        assert solution.integrations < 100
+    np.testing.assert_allclose(found[0].energy, found[1].energy, rtol=1e-6)

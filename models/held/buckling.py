@@ -22,6 +22,7 @@ ALONG = 0.99  # cosine of the angle between axes that are taken for one
 BESIDE, BESIDE_BEND = 1e-2, 0.1
 SLIGHT = 1e-3  # of EI/L: torques about the axis by which the rest of it then draws a rod to a side
 ELEMENTS = 48  # of a rod that is not equally stiff all along: its critical load is off by 0.2 %
+CRUMBS = 1e-9  # of the larger part of an axis: that is rounding
 ROUND = 10.0  # times the part of the shortening by which the end beside it tells the plane alone
 
 
@@ -63,17 +64,41 @@ class Modes:
         base_moment: [N m], likewise.
         tip_moment: [N m].
         base_turn: By which the base turns in its joint [rad].
+        hinged: (34) Of strips on hinges, what they do instead.
     """
 
     thrust: FloatArray
     base_moment: FloatArray
     tip_moment: FloatArray
     base_turn: FloatArray
+    hinged: "Hinged | None" = None
 
 
-def modes_about(problem: "HeldProblem", about: FloatArray, chosen: NDArray[np.bool_]) -> Modes:
+@dataclass(frozen=True)
+class Hinged:
+    """(34) How strips on hinges buckle, in no plane if these are aside of their axes; but for the thrust, over the root of what
+    they are shortened by.
+
+    Attributes:
+        chosen: Which instances do, shape (instance_count,).
+        about: The axis about which their first half bends, unit vectors, shape (instance_count, 3).
+        thrust: [N], shape (instance_count,).
+        base_moment: [N m], shape (instance_count, 3), and so on.
+        tip_moment: [N m].
+        base_turn: By which the base turns in its joint [rad].
+    """
+
+    chosen: NDArray[np.bool_]
+    about: FloatArray
+    thrust: FloatArray
+    base_moment: FloatArray
+    tip_moment: FloatArray
+    base_turn: FloatArray
+
+
+def modes_about(problem: "HeldProblem", about: FloatArray, chosen: NDArray[np.bool_], hinged: Hinged | None = None) -> Modes:
     """(23) How straight rods buckle about axes, (instance_count, 3); (33) of the ``chosen`` ones, shape (instance_count,), that
-    are not equally stiff all along."""
+    are not equally stiff all along; (34) or as strips that are ``hinged``."""
     holders, material, length = problem.holders, problem.rod.arrays.material[:, 0], problem.length_in_use()
     stiffness = (problem.rod.each(material[..., :2]) * about[:, None, :2] ** 2).sum(axis=2)
     free = [_turns(kind, own, about) for kind, own in ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))]
@@ -88,7 +113,69 @@ def modes_about(problem: "HeldProblem", about: FloatArray, chosen: NDArray[np.bo
     if uneven.any():
         ends = problem.rod.each(problem.rod.arrays.end[:, 0]) + (length - problem.length)[:, None]
         found[:, uneven] = _uneven(ends[uneven], stiffness[uneven], length[uneven], *(own[uneven] for own in free))
-    return Modes(*found)
+    if hinged is not None:
+        found[0] = np.where(hinged.chosen, hinged.thrust, found[0])
+    return Modes(found[0], found[1], found[2], found[3], hinged)
+
+
+def hinged_strips(problem: "HeldProblem") -> Hinged | None:
+    """(34) Of the strips of a robot with a hinge that is not along them; None of others."""
+    holders, length = problem.holders, problem.length_in_use()
+    joints = ((holders.base_joint, holders.base_axis), (holders.joint, holders.axis))
+    stiffness = problem.rod.each(problem.rod.arrays.material[:, 0, :, :3])
+    chosen = np.asarray(stiffness[:, 0, 0] != stiffness[:, 0, 1])
+    if not chosen.any() or not any(kind == REVOLUTE and abs(axis[2]) <= ALONG for kind, axis in joints):
+        return None
+    ends = problem.rod.each(problem.rod.arrays.end[:, 0]) + (length - problem.length)[:, None]
+    rods = np.concatenate([length[:, None], ends, stiffness.reshape(len(length), -1)], axis=1)
+    different, which = np.unique(rods[chosen], axis=0, return_inverse=True)
+    parts = ends.shape[1]
+    found = np.array([_hinged(own[0], own[1 : 1 + parts], own[1 + parts :].reshape(parts, 3), joints) for own in different])
+    result = np.zeros((len(length), found.shape[1]))
+    result[chosen] = found[which.reshape(-1)]
+    return Hinged(chosen, result[:, 1:4], result[:, 0], result[:, 4:7], result[:, 7:10], result[:, 10:])
+
+
+def _hinged(length: float, ends: FloatArray, stiffness: FloatArray, joints: tuple[tuple[int, FloatArray], ...]) -> FloatArray:
+    """(34) Of one rod of sections that end at ``ends``, ``stiffness`` (section, 3): thrust, axis, moments and turn, (13,)."""
+    n = ELEMENTS + 1
+    begins = np.concatenate([[0.0], np.clip(ends[:-1], 0.0, None)])
+    within = np.clip(np.linspace(0.0, length, n)[:, None] - begins, 0.0, np.clip(ends - begins, 0.0, None))
+    soft = (within[:, :, None] / stiffness).sum(axis=1)  # angle that a unit of moment gives
+    half = np.where((np.arange(n) == 0) | (np.arange(n) == ELEMENTS), 0.5, 1.0)
+    K, M = np.zeros((2 * n + 2, 2 * n + 2)), np.concatenate([np.tile(length / ELEMENTS * half, 2), [0.0, 0.0]])
+    for plane in range(2):
+        at, k = plane * n + np.arange(ELEMENTS), 1 / np.diff(soft[:, plane])
+        for i, j, sign in ((at, at, 1.0), (at + 1, at + 1, 1.0), (at, at + 1, -1.0), (at + 1, at, -1.0)):
+            K[i, j] += sign * k
+    places = (np.array([0, n, 2 * n]), np.array([n - 1, 2 * n - 1, 2 * n + 1]))
+    spins = [kind == SPHERICAL or (kind == REVOLUTE and abs(axis[2]) > ALONG) for kind, axis in joints]
+    twist = 0.0 if any(spins) else 1 / soft[-1, 2]  # an end that spins bears no torque
+    K[-2:, -2:] = twist * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    columns = [np.eye(2 * n + 2)[:, plane * n + 1 : plane * n + n - 1] for plane in range(2)]
+    for (kind, axis), place, spin in zip(joints, places, spins, strict=True):
+        own = np.eye(3)[:2] if kind == SPHERICAL else np.array([axis])[: int(kind == REVOLUTE and not spin)]
+        columns.append(np.zeros((2 * n + 2, len(own))))
+        columns[-1][place] = own.T
+    T = np.concatenate(columns, axis=1)
+    root = np.sqrt(M @ T**2)
+    A = (T.T @ K @ T) / (root[:, None] * root)
+    sides = np.zeros((2 * n + 2, 2))  # what the end moves aside by
+    sides[:n, 0], sides[n : 2 * n, 1] = M[:n], M[n : 2 * n]
+    Q = np.linalg.qr(T.T @ sides / root[:, None])[0]
+    P = np.eye(len(A)) - Q @ Q.T
+    values, vectors = np.linalg.eigh(P @ A @ P + 10 * np.diag(A).max() * Q @ Q.T)
+    turn = np.sqrt(2 * length) * (T @ (vectors[:, 0] / root))
+    if spins[0]:
+        turn[2 * n] = turn[2 * n + 1]
+    bends = (M[: 2 * n] * turn[: 2 * n]).reshape(2, n)[:, : n // 2].sum(axis=1)
+    bends[np.abs(bends) < CRUMBS * np.abs(bends).max()] = 0.0
+    turn *= np.sign(bends[np.abs(bends).argmax()])  # about a positive axis, as others
+    rows = (K @ turn - values[0] * M * turn)[: 2 * n].reshape(2, n)
+    rows -= (rows[:, 1:-1].sum(axis=1) / M[1 : n - 1].sum())[:, None] * M[:n]
+    torque = twist * (turn[-1] - turn[-2])
+    about = np.array([*(bends * np.sign(bends[np.abs(bends).argmax()]) / np.linalg.norm(bends)), 0.0])
+    return np.array([values[0], *about, *-rows[:, 0], torque, *rows[:, -1], torque, *turn[places[0]]])
 
 
 def _uneven(
@@ -182,10 +269,14 @@ def buckled(problem: "HeldProblem", axis: FloatArray, modes: Modes, size: FloatA
     holders, m, whole = problem.holders, problem.rod.unknown_count, problem.length[:, None]
     about, unit, length = size * axis, problem.stiffness[:, None], problem.length_in_use()[:, None]
     result = np.zeros((problem.instance_count, problem.unknown_count))
-    result[:, :3] = modes.base_moment[:, None] / unit * about
-    across = ((modes.base_moment - modes.tip_moment)[:, None] / length) * cross(about, AXIS)
-    force = (whole / unit) * (across - modes.thrust[:, None] * AXIS)
-    turned = modes.base_turn[:, None] * about @ holders.base_axes.T
+    base, tip, turn = (own[:, None] * about for own in (modes.base_moment, modes.tip_moment, modes.base_turn))
+    if (hinged := modes.hinged) is not None:
+        chosen, side = hinged.chosen[:, None], size * np.sign((axis * hinged.about).sum(axis=1))[:, None]
+        own = (hinged.base_moment, hinged.tip_moment, hinged.base_turn)
+        base, tip, turn = (np.where(chosen, side * new, old) for new, old in zip(own, (base, tip, turn), strict=True))
+    result[:, :3] = base / unit
+    force = (whole / unit) * (cross(base - tip, AXIS) / length - modes.thrust[:, None] * AXIS)
+    turned = turn @ holders.base_axes.T
     result[:, m - 3 : m] = np.einsum("bji,bj->bi", matrices(turned @ holders.base_axes), force)  # in the frame that turns
     result[:, m:] = turned / whole
     return result

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.models.backbone.kernels.loads.foundation import Foundation, RisingFoundation
-from multirod.models.held.buckling import MODES, buckled, drawn_beside, hinge_of, modes_about, to_side
+from multirod.models.held.buckling import MODES, buckled, drawn_beside, hinge_of, hinged_strips, modes_about, to_side
 from multirod.models.held.costless import (
     AXIS,
     between_balls,
@@ -347,8 +347,7 @@ def _pushed_far(problem: "HeldProblem", end: FloatArray) -> NDArray[np.bool_]:
     soft, stretch = problem.rod.each(material[..., :2].min(axis=(1, 2))), problem.rod.each(material[..., 8].max(axis=1))
     strain = np.asarray(MODES[False, False].thrust * soft * stretch / length**2)
     short = 1 - np.linalg.norm(end - problem.rod.table.base_position.numpy(), axis=1) / length
-    least = STIFF_IN_MEDIUM if problem.rod.arrays.loads else STIFF
-    stiff = (strain > 0) & (strain < least) & (problem.holders.slide is None)
+    stiff = (strain > 0) & (strain < (STIFF_IN_MEDIUM if problem.rod.arrays.loads else STIFF)) & (problem.holders.slide is None)
     return np.asarray(stiff & (short > FAR * strain) & straight_at_rest(problem))
 
 
@@ -370,6 +369,8 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray, aside: FloatArray) -
     uneven, hinge = stiffness[:, :1] != stiffness[:, 1:], hinge_of(problem)
     if hinge is not None:
         softer = np.where(uneven, softer, hinge)
+    if (hinged := hinged_strips(problem)) is not None:
+        softer = np.where(hinged.chosen[:, None], hinged.about, softer)
     turned, neutral = size > ACROSS, problem.goal_is_neutral()[:, None]
     sign = np.where(loaded(problem), 1, problem.side)[:, None]
     axis = np.where(turned, across / np.maximum(size, ACROSS), -sign * softer)
@@ -392,7 +393,7 @@ def bent_rods(problem: "HeldProblem", unknowns: FloatArray, aside: FloatArray) -
     about = np.where(told, about, to_side(problem, about))
     about = np.where(drawn, cross(AXIS, aside) / np.where(drawn, pull, 1.0), about)
     begins = (buckles & (short > BUCKLED))[:, 0]
-    modes = modes_about(problem, about, buckles[:, 0])
+    modes = modes_about(problem, about, buckles[:, 0], hinged)
     bent = [np.where(buckles, buckled(problem, sign * about, modes, np.sqrt(short)), 0.0) for sign in (1.0, -1.0)]
     end = base + (1 - short) * length * problem.base_frame[:, :, 2]
     way = np.einsum("bij,bj->bi", problem.base_frame, cross(about, AXIS))
