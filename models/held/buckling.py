@@ -22,6 +22,7 @@ ALONG = 0.99  # cosine of the angle between axes that are taken for one
 BESIDE, BESIDE_BEND = 1e-2, 0.1
 SLIGHT = 1e-3  # of EI/L: torques about the axis by which the rest of it then draws a rod to a side
 ELEMENTS = 48  # of a rod that is not equally stiff all along: its critical load is off by 0.2 %
+PARTS = np.array([0.5, *[1.0] * (ELEMENTS - 1), 0.5])  # of an element that stand where each ends
 CRUMBS = 1e-9  # of the larger part of an axis: that is rounding
 ROUND = 10.0  # times the part of the shortening by which the end beside it tells the plane alone
 
@@ -138,16 +139,11 @@ def hinged_strips(problem: "HeldProblem") -> Hinged | None:
 
 def _hinged(length: float, ends: FloatArray, stiffness: FloatArray, joints: tuple[tuple[int, FloatArray], ...]) -> FloatArray:
     """(34) Of one rod of sections that end at ``ends``, ``stiffness`` (section, 3): thrust, axis, moments and turn, (13,)."""
-    n = ELEMENTS + 1
-    begins = np.concatenate([[0.0], np.clip(ends[:-1], 0.0, None)])
-    within = np.clip(np.linspace(0.0, length, n)[:, None] - begins, 0.0, np.clip(ends - begins, 0.0, None))
-    soft = (within[:, :, None] / stiffness).sum(axis=1)  # angle that a unit of moment gives
-    half = np.where((np.arange(n) == 0) | (np.arange(n) == ELEMENTS), 0.5, 1.0)
-    K, M = np.zeros((2 * n + 2, 2 * n + 2)), np.concatenate([np.tile(length / ELEMENTS * half, 2), [0.0, 0.0]])
+    n, soft = ELEMENTS + 1, _soft(ends, stiffness, np.array(length))
+    K, M = np.zeros((2 * n + 2, 2 * n + 2)), np.concatenate([np.tile(length / ELEMENTS * PARTS, 2), [0.0, 0.0]])
     for plane in range(2):
-        at, k = plane * n + np.arange(ELEMENTS), 1 / np.diff(soft[:, plane])
-        for i, j, sign in ((at, at, 1.0), (at + 1, at + 1, 1.0), (at, at + 1, -1.0), (at + 1, at, -1.0)):
-            K[i, j] += sign * k
+        at = slice(plane * n, (plane + 1) * n)
+        K[at, at] = _springs(1 / np.diff(soft[:, plane]))
     places = (np.array([0, n, 2 * n]), np.array([n - 1, 2 * n - 1, 2 * n + 1]))
     spins = [kind == SPHERICAL or (kind == REVOLUTE and abs(axis[2]) > ALONG) for kind, axis in joints]
     twist = 0.0 if any(spins) else 1 / soft[-1, 2]  # an end that spins bears no torque
@@ -182,15 +178,9 @@ def _uneven(
     ends: FloatArray, stiffness: FloatArray, length: FloatArray, base: NDArray[np.bool_], end: NDArray[np.bool_]
 ) -> FloatArray:
     """(33) Of rods of several sections, which end at ``ends``, (count, section): the attributes of ``Modes``, (4, count)."""
-    count, n = len(length), ELEMENTS + 1
-    mesh = length[:, None] * np.linspace(0.0, 1.0, n)
-    begins = np.concatenate([np.zeros((count, 1)), np.clip(ends[:, :-1], 0.0, None)], axis=1)
-    within = np.clip(mesh[:, :, None] - begins[:, None], 0.0, np.clip(ends - begins, 0.0, None)[:, None])
-    k = 1 / np.diff((within / stiffness[:, None]).sum(axis=2), axis=1)  # of elements, by how much their parts bend
-    K, at = np.zeros((count, n, n)), np.arange(ELEMENTS)
-    for i, j, sign in ((at, at, 1.0), (at + 1, at + 1, 1.0), (at, at + 1, -1.0), (at + 1, at, -1.0)):
-        K[:, i, j] += sign * k
-    M = (length / ELEMENTS)[:, None] * np.where((np.arange(n) == 0) | (np.arange(n) == ELEMENTS), 0.5, 1.0)
+    count, n, at = len(length), ELEMENTS + 1, np.arange(ELEMENTS)
+    K = _springs(1 / np.diff(_soft(ends, stiffness[:, :, None], length)[..., 0], axis=1))
+    M = (length / ELEMENTS)[:, None] * PARTS
     root = np.sqrt(M)
     held = np.stack([~base, ~end], axis=1)
     A, away = K / (root[:, :, None] * root[:, None]), np.zeros((count, n))
@@ -210,6 +200,24 @@ def _uneven(
     moments = np.stack([-rows[:, 0], rows[:, -1]]) * held.T
     side = np.where(np.where(base, turn[:, 0], moments[0]) < 0, -1.0, 1.0)
     return np.stack([thrust, side * moments[0], side * moments[1], np.where(base, side * turn[:, 0], 0.0)])
+
+
+def _soft(ends: FloatArray, stiffness: FloatArray, length: FloatArray) -> FloatArray:
+    """The angles that units of moment turn rods by from the base to where each element ends, (..., ELEMENTS + 1, k), of sections
+    that end at ``ends`` (..., section) and are as stiff as ``stiffness`` (..., section, k)."""
+    mesh = length[..., None] * np.linspace(0.0, 1.0, ELEMENTS + 1)
+    begins = np.concatenate([np.zeros((*ends.shape[:-1], 1)), np.clip(ends[..., :-1], 0.0, None)], axis=-1)
+    within = np.clip(mesh[..., :, None] - begins[..., None, :], 0.0, np.clip(ends - begins, 0.0, None)[..., None, :])
+    return np.asarray((within[..., None] / stiffness[..., None, :, :]).sum(axis=-2))
+
+
+def _springs(k: FloatArray) -> FloatArray:
+    """Moments by the angles where elements end, (..., ELEMENTS + 1, ELEMENTS + 1), each as stiff as ``k`` (..., ELEMENTS)."""
+    at = np.arange(ELEMENTS)
+    result = np.zeros((*k.shape[:-1], ELEMENTS + 1, ELEMENTS + 1))
+    for i, j, sign in ((at, at, 1.0), (at + 1, at + 1, 1.0), (at, at + 1, -1.0), (at + 1, at, -1.0)):
+        result[..., i, j] += sign * k
+    return result
 
 
 def hinge_of(problem: "HeldProblem") -> FloatArray | None:
