@@ -139,6 +139,19 @@ def test_what_is_hard_to_put_together_comes_to_rest(seed, stability):
     assert violation(drawn, solution) < 1e-6  # the default integrator promises as much
 
 
+@pytest.mark.parametrize(("base", "tip"), [("spherical", "clamped"), ("clamped", "spherical")])
+def test_a_round_rod_between_places_that_do_not_move_begins_bent(base, tip):
+    """Pushed along its axis to no side of its own: no body aside would bend it. The energy is that of the rod alone."""
+    rod = mr.Rod(length=0.5, bending_stiffness=0.02, torsional_stiffness=0.015)
+    end = pose((0, 0, 0), (0, 0, 0.45))
+    joints = [mr.Joint("rod", "base", to=mr.ground, kind=base), mr.Joint("rod", "tip", to=mr.ground, pose=end, kind=tip)]
+    found = mr.solve(mr.Network(rods={"rod": rod}, bodies=[], joints=joints)).raise_if_failed()
+    alone = mr.solve(mr.HeldRod(rod, end=end, base_joint=base, joint=tip)).raise_if_failed()
+    assert found.status == mr.Status.LOWEST_ENERGY
+    assert found.stability == mr.Stability.FOLD  # nothing holds it against turns about the axis
+    assert found.energy == pytest.approx(alone.energy, rel=1e-6)
+
+
 def bent_legs(kinds, most=0.022, tilt=0.0):
     """Legs that differ by ``most`` [m], on feet that are turned and tilted, the ground turned too."""
     lengths = 0.4 + most * np.array([-0.13, -0.13, 0, 1, 1, 0])

@@ -230,6 +230,11 @@ class Graph:
         return np.asarray(~self.turning_bases & (np.bincount(self.slides.owner)[self.slides.owner] == 1))
 
     @property
+    def held_still(self) -> NDArray[np.bool_]:
+        """Which rods stand between the ground or bodies that are fixed and the same, shape (rod_count,)."""
+        return np.asarray((self.ends[0].frame == GROUND) & (self.ends[1].frame == GROUND))
+
+    @property
     def on_fixed(self) -> NDArray[np.bool_]:
         """Which rods have bases on bodies that are fixed, and that inputs may turn, shape (rod_count,)."""
         return np.asarray(self.ends[0].stand > len(self.bodies))

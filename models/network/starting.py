@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray
 from multirod.capabilities import Joints, Loading, Starts, Together
 from multirod.models.backbone.inputs import LOADS
-from multirod.models.backbone.starts import APART
+from multirod.models.backbone.starts import APART, quasirandom
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
 from multirod.models.network.elements.elements import GAP_AT
 from multirod.models.network.elements.groups import ON_RODS
@@ -42,6 +42,7 @@ CLOSING = 6  # steps of Newton's method by which a network is put together at on
 WIDEST = 3.0  # times the first of them, that any may be
 CONTRACTION = 0.3  # largest ratio of Newton's steps that put a network together at once, as of those on a branch
 JOINT_CODES = {0: CLAMPED, 1: REVOLUTE, 3: SPHERICAL}  # by the coordinates of a joint
+BOW = 2.0  # rad of a whole rod, by which one between what does not move starts bent
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
 
 
@@ -227,12 +228,16 @@ class NetworkStarts(Starts):
 
 
 def moved(problem: "NetworkProblem", x: FloatArray, numbers: IntArray) -> FloatArray:
-    """Unknowns with the bodies aside by the entries ``numbers``, (instance_count,), of an endless sequence, each its own way."""
+    """Unknowns with the bodies aside by the entries ``numbers``, (instance_count,), of an endless sequence, each its own way, and
+    rods between what does not move bent."""
     result = np.array(x)
     L = problem.length[:, problem.rod_count :, None]
     for body in range(problem.body_count):
         at = slice(problem.first_pose + 6 * body, problem.first_pose + 6 * body + 6)
         result[:, at] += np.where(numbers[:, None] == 0, 0.0, crowded(numbers + APART * body)) / L[:, body]
+    for rod in np.flatnonzero(problem.graph.held_still).tolist():
+        bent = BOW * quasirandom(numbers + APART * (problem.body_count + rod), 2) / problem.length[:, rod, None]
+        result[:, problem.places[rod, :2]] += np.where(numbers[:, None] == 0, 0.0, bent)
     return result
 
 
