@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from observer_scenes import three_tubes
 from test_cases import BUCKLED, TIGHT, robot_and_inputs
 from test_network_rods import at
 from test_parallel_rods import stored_robot
 
 import multirod as mr
+from multirod.tasks.limits import limit_rows
 
 STEPS = mr.RK4(50)
 SOLVER = mr.Shooting(tolerance=1e-11, integrator=STEPS)
@@ -43,6 +45,40 @@ def test_a_position_is_reached(robot, start):
     assert found.status is mr.Status.REACHED
     # 1e-6 of the tip's position are asked for by default, of rods of 0.3 m
     np.testing.assert_allclose(solved(robot, found.inputs, found).tip_position, target, atol=1e-6)
+
+
+def test_tubes_stay_behind_their_plate_and_in_order_as_they_do_alone():
+    """What a robot cannot do is a limit without being named: tubes of a network as those that are a robot by themselves."""
+    tubes, _ = three_tubes()
+    body = mr.Body("carriage")
+    joints = [mr.Joint("mast", "base", to=mr.ground), mr.Joint("mast", "tip", to=body), mr.Joint("arm", "base", to=body)]
+    carried = mr.Network(rods={"mast": WIRE, "arm": tubes}, bodies=[body], joints=joints)
+    limits = mr.Limits(translation=(-0.19, 0.1), gap=2e-3)
+    expected = limit_rows(tubes, limits, ("translation",))
+    found = limit_rows(carried, limits, ("translation",))
+    kept = ~found.matrix[:, 0].astype(bool)  # the mast is pushed as it likes
+    np.testing.assert_array_equal(found.matrix[kept, 1:], expected.matrix)
+    np.testing.assert_array_equal((found.low[kept], found.high[kept]), (expected.low, expected.high))
+    np.testing.assert_array_equal((found.low[~kept], found.high[~kept]), [[-0.19], [0.1]])
+
+
+def test_tubes_that_are_a_network_are_held_back_as_they_are_alone():
+    """In the same places, by the same limits."""
+    tubes, motion = three_tubes()
+    stands = mr.Joint("arm", "base", to=mr.ground)
+    alone = mr.Network(rods={"arm": tubes}, joints=[stands], base=tubes.base)
+    given, force = motion[10], motion[10].tip_force
+    start = mr.solve(tubes, given, solver=SOLVER).raise_if_failed()
+    far = start.tip_position + np.array([(0, 0, 0.05), (0, 0, 0.02), (0, 0.02, 0)])
+    options = {"free": "translation", "solver": SOLVER}
+    one = mr.reach(tubes, mr.Pose(position=far), given, **options)
+    drives = {"rotation": given.rotation, "translation": given.translation}
+    other = mr.reach(alone, mr.Pose(position=far), alone.inputs(force=force, **drives), **options)
+    assert (one.status == mr.Status.AT_LIMIT).all()
+    for name in ("status", "at_limit", "unknowns"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(one, name))
+    assert (other.inputs.translation <= 0).all()
+    assert (np.diff(other.inputs.translation, axis=1) >= 0).all()
 
 
 def test_a_moving_target_is_followed(robot, start):

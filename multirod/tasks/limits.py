@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.assembly import Assembly
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
+from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import ParallelRods
 from multirod.naming import unknown_names
 from multirod.read_only import ReadOnly
@@ -279,6 +280,8 @@ def _backbones(robot: Assembly) -> Iterator[tuple[int, Assembly]]:
     """Each backbone of a robot, and its first rod."""
     if isinstance(robot, ParallelRods):
         yield from zip(robot.geometry.first_rod.tolist(), robot.geometry.legs, strict=False)
+    elif isinstance(robot, Network):
+        yield from zip(robot.graph.first_tube.tolist(), robot.graph.whole, strict=False)
     else:
         yield 0, robot
 
