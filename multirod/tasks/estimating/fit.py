@@ -15,7 +15,7 @@ from multirod.solver import Solver
 from multirod.stability import Stability
 from multirod.status import Status
 from multirod.tasks.estimating.inference import SETTLED, Posterior, posterior, roots, units
-from multirod.tasks.estimating.iteration import HALVINGS, SLACK, TOLERANCE
+from multirod.tasks.estimating.iteration import HALVINGS, RESTORED, SLACK, TOLERANCE
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import Parameters
 from multirod.tasks.formulation import Evaluation
@@ -64,7 +64,8 @@ class Fit:
         self.p = loads.of(begin.inputs)
         self.missing = measured.missing.reshape((*begin.batch_shape, -1))
         self.integrations, self.iterations = int(begin.integrations.max(initial=0)), 0
-        self.status, self.square, self.degrees = Status.NOT_RUN, np.inf, 0
+        self.status, self.degrees = Status.NOT_RUN, 0
+        self.square, self.gap = np.inf, np.inf  # squares, and the largest residual over its tolerance, where the last step led
         self.covariance = np.full((len(self.p), len(self.p)), np.nan)
         self.prior = loads.prior(numbers.prior)[None]
         self.root = roots(self.prior)
@@ -115,19 +116,21 @@ class Fit:
         self.integrations += 1
         found = found.by(self.loads.columns(self.numbers.columns(robot, shared)))
         r, J = self.measured.at(found, slice(None))
+        given = getattr(self.solver, "tolerance", None)
+        tolerance = np.maximum(problem.tolerance(given), TOLERANCE * problem.curvature_scale() if given is None else 0.0)
+        gap = float((np.abs(found.residual).max(axis=1) / tolerance).max())
         with np.errstate(invalid="ignore"):
-            square = (r**2).sum() + ((self.root[0] @ away) ** 2).sum()
-        if not (np.isfinite(J).all() and square <= self.square * (1 + SLACK) + SETTLED**2):
+            square = float((r**2).sum() + ((self.root[0] @ away) ** 2).sum())
+        closer = square <= self.square * (1 + SLACK) + SETTLED**2
+        closer |= gap <= RESTORED * self.gap and self.gap > 1  # what was less there was that of no equilibrium
+        if not (closer and np.isfinite(J).all()):
             return None
-        self.square = float(square)
+        self.square, self.gap = square, gap
         stacked, whole = self.loads.wide(J), r.reshape(1, -1)
         planned = posterior(stacked, whole, self.root, away[None], units(stacked, self.prior))
         towards, by = found.eliminated
         towards = towards + (by @ self.loads.each(planned.step[0])[..., None])[..., 0]
-        given = getattr(self.solver, "tolerance", None)
-        tolerance = np.maximum(problem.tolerance(given), TOLERANCE * problem.curvature_scale() if given is None else 0.0)
-        near = bool((np.abs(found.residual).max(axis=1) <= tolerance).all())
-        return planned, towards, near and bool(planned.length[0] <= SETTLED)
+        return planned, towards, gap <= 1 and bool(planned.length[0] <= SETTLED)
 
     def _finish(self) -> None:
         """The fitted robot and its equilibria, if these are what it would stay in."""
