@@ -146,6 +146,16 @@ def hinted(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     return made
 
 
+def signed_as(function: Callable[..., object]) -> Callable[[R], R]:
+    """The same ``__new__``, whose signature, which is that of its class, is told as that of ``function``, the ``__init__``."""
+
+    def made(new: R) -> R:
+        setattr(new, "__signature__", signature(function))  # noqa: B010  (mypy refuses the plain one)
+        return new
+
+    return made
+
+
 def fields_hinted(hint: str) -> Callable[[Kind], Kind]:
     """The same class, a dataclass, made by such a function."""
 

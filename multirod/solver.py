@@ -1,6 +1,5 @@
 """What every solver has in common, and where third parties add theirs."""
 
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
@@ -17,6 +16,7 @@ from multirod.results.events import Events, placed_events, taken_events
 from multirod.segments import Breakpoints, placed, taken
 from multirod.status import Status, failures
 from multirod.validation import FloatArray, positive_float, refuse
+from multirod.warning import warn
 
 IntArray = NDArray[np.int32]
 
@@ -322,10 +322,10 @@ def registered_solvers() -> dict[str, type[Solver]]:
         try:
             found = point.load()
         except Exception as error:  # noqa: BLE001  (of another package: whatever it is, the others go on)
-            warnings.warn(f"{where} is left out: {type(error).__name__}: {error}", RuntimeWarning, stacklevel=2)
+            warn(f"{where} is left out: {type(error).__name__}: {error}", RuntimeWarning)
             continue
         if isinstance(found, type) and issubclass(found, Solver):
             solvers[point.name] = found
         else:
-            warnings.warn(f"{where} is left out: it is {found!r}, not a subclass of Solver", RuntimeWarning, stacklevel=2)
+            warn(f"{where} is left out: it is {found!r}, not a subclass of Solver", RuntimeWarning)
     return solvers

@@ -270,6 +270,12 @@ def test_options_are_said_to_be_whose_they_are(robot):
         robot.inputs(leg_lengths=0.4)
 
 
+@pytest.mark.parametrize("line", [mr.Tendon, mr.PushRod, mr.Chamber])
+def test_offsets_are_said_to_be_pairs(line):
+    with refused(TypeError, "unexpected keyword argument 'radius': an offset is one pair", "(r*cos(a), r*sin(a))"):
+        line(radius=0.008, angle=0.3)
+
+
 def test_how_lines_are_driven_is_said():
     pulled = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.1, lines=[mr.Tendon((0.01, 0))]))
     with refused(ValueError, "no rod has a line that is driven by it, they are driven by tension (see driven= of Tendon)"):

@@ -303,8 +303,10 @@ def test_none_where_tubes_just_do_not_snap(short):
 def test_what_cannot_be_excluded_is_said():
     """Tubes that have a neutral mode at pi, as exactly as numbers tell."""
     robot = alike(np.pi / 2)
-    with pytest.warns(mr.IncompleteWarning, match=r"at load factors 3\.14159265\d* to 3\.14159265\d* a mode is so near"):
+    said = pytest.warns(mr.IncompleteWarning, match=r"at load factors 3\.14159265\d* to 3\.14159265\d* a mode is so near")
+    with said as warnings:
         found = mr.critical_loads(robot, robot.inputs(rotation=(0, 1)), start=robot.inputs(), up_to=4.0)
+    assert [warning.filename for warning in warnings] == [__file__]
     ((low, high),) = found.undecided
     np.testing.assert_allclose([low, high], np.pi, rtol=1e-8)
     assert "undecided ((3.14159265" in repr(found)

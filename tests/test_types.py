@@ -247,6 +247,25 @@ def test_help_calls_types_by_their_names(thing):
     assert not re.search(r"SupportsArray|P\.args|Sequence\[collections", text)
 
 
+def public_callables():
+    """Every public function, class and method of a class by the name it is called by; errors and what numbers do are Python's."""
+    for name in mr.__all__:
+        thing = getattr(mr, name)
+        if inspect.isfunction(thing) or (inspect.isclass(thing) and not issubclass(thing, BaseException)):
+            yield name, thing
+            methods = inspect.getmembers(thing, lambda own: inspect.isfunction(own) or inspect.ismethod(own))
+            yield from ((f"{name}.{own}", method) for own, method in methods if not own.startswith("_"))
+
+
+def test_signatures_name_what_is_taken():
+    """Editors, notebooks and ``help`` show them; a class is made by ``__new__`` where it has one, whose names are its own."""
+    shown = {name: list(inspect.signature(thing).parameters) for name, thing in public_callables()}
+    assert len(shown) > 300
+    assert [name for name, own in shown.items() if any(parameter.startswith("_") for parameter in own)] == []
+    assert {"offset", "area", "area_fixed", "end", "name"} < set(shown["Chamber"])
+    assert {"offset", "route", "driven", "friction"} < set(shown["Tendon"])
+
+
 def test_typed_quantities_are_those_that_plots_draw():
     plots = pytest.importorskip("multirod.plotting.plots")
     assert get_args(types.Quantity) == plots.OF_SOLUTIONS

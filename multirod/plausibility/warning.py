@@ -1,7 +1,6 @@
 """The warning, and where it is given."""
 
-import sys
-import warnings
+from multirod.warning import warn
 
 
 class PlausibilityWarning(UserWarning):
@@ -14,10 +13,7 @@ class PlausibilityWarning(UserWarning):
 
 def say(message: str) -> None:
     """Warn of something, where the package was called."""
-    frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "multirod":
-        frame, level = frame.f_back, level + 1
-    warnings.warn(message, PlausibilityWarning, stacklevel=level)
+    warn(message, PlausibilityWarning)
 
 
 def with_unit(value: float, unit: str) -> str:

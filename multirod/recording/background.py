@@ -1,13 +1,13 @@
 """A thread that writes the samples of a recorder, so that its loop does not."""
 
 import time
-import warnings
 from collections import deque
 from collections.abc import Callable, Sequence
 from threading import Condition, RLock, Thread
 from typing import NamedTuple
 
 from multirod.results.solution import Solution
+from multirod.warning import warn
 
 WAITING = 256_000_000  # bytes of samples that wait to be written at most
 _OVERHEAD = 4_000  # bytes of a sample besides its records, about
@@ -120,7 +120,7 @@ class WritingThread:
             Exception: What went wrong on the thread; later a ``RuntimeError``.
         """
         while self._said:
-            warnings.warn(self._said.pop(0), RuntimeWarning, stacklevel=4)
+            warn(self._said.pop(0), RuntimeWarning)
         if self._error is None or (self._raised and self._closed):
             return
         if self._raised:

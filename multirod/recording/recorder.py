@@ -2,7 +2,6 @@
 
 import math
 import os
-import warnings
 import weakref
 from collections.abc import Sequence
 from contextlib import suppress
@@ -26,6 +25,7 @@ from multirod.results.history import History
 from multirod.results.solution import Solution
 from multirod.types import Numbers
 from multirod.validation import choice, file_path, finite_float, positive_float, positive_int, refuse
+from multirod.warning import warn
 
 ENDING = ".rrd"
 LONGEST = 9e9  # seconds: nanoseconds are counted in 64 bits
@@ -271,9 +271,7 @@ class Recorder(Uncopied):
                 return
             self._left_out += 1
             if self._left_out == 1:
-                warnings.warn(
-                    f"the recorder does not keep up: samples are left out, the first at {now:g} s", RuntimeWarning, stacklevel=2
-                )
+                warn(f"the recorder does not keep up: samples are left out, the first at {now:g} s", RuntimeWarning)
 
     def _checked(
         self, time: float, solution: Solution, step_time: float | None, reference: Solution | None
@@ -322,10 +320,9 @@ class Recorder(Uncopied):
             self._forgotten.detach()
             self._recording.close()
             if self._left_out:
-                warnings.warn(
+                warn(
                     f"the recorder did not keep up: {self._left_out} of {self._step} samples were left out",
                     RuntimeWarning,
-                    stacklevel=2,
                 )
             self._thread.speak()
 

@@ -2,7 +2,6 @@
 
 import atexit
 import socket
-import warnings
 from collections.abc import Callable
 from queue import Full, Queue
 from threading import Thread
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from multirod.recording.streams import VIEWER_THREAD
+from multirod.warning import warn
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -113,7 +113,7 @@ def listens(address: str) -> bool:
 
 
 def _warn(message: str) -> None:
-    warnings.warn(message, RuntimeWarning, stacklevel=3)
+    warn(message, RuntimeWarning)
 
 
 def _exit_without_waiting(patience: float) -> None:

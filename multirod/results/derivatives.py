@@ -1,6 +1,5 @@
 """Derivatives of solutions at equilibrium, by inputs and by the robot's own numbers; equations of ``docs/derivatives.md``."""
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from multirod.results.segment_system import pose_jacobian
 from multirod.rotations import cross_matrix
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, frozen, refuse, shown
+from multirod.warning import warn
 
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
@@ -227,7 +227,7 @@ def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int
         return result, none
 
     result, none = _gathered(solution, names, columns)
-    _warn_of_sides(names, none, stacklevel=6)
+    _warn_of_sides(names, none)
     return solution._masked(result, (*tail, count))
 
 
@@ -257,15 +257,14 @@ def _told(
     return slopes, own, gamma, here & np.isnan(sided).any(axis=(1, 2))
 
 
-def _warn_of_sides(names: Sequence[str], none: NDArray[np.bool_], stacklevel: int) -> None:
+def _warn_of_sides(names: Sequence[str], none: NDArray[np.bool_]) -> None:
     """Say that there are no derivatives, of some instances (b,)."""
     if none.any():
         of = f" of {none.sum()} of {len(none)} instances" if len(none) > 1 else ""
-        warnings.warn(
+        warn(
             f"derivatives by {', '.join(names)}{of} are NaN: lines are neither taut nor slack, so that the robot is not as stiff "
             "to one side as to the other; pull them a little (displacement=1e-3, with an axial_stiffness)",
             RuntimeWarning,
-            stacklevel,
         )
 
 
@@ -325,7 +324,7 @@ def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> 
 
     slopes, carried, gamma, *none = _kept(solution, names) or _gathered(solution, names, columns)
     for own in none:
-        _warn_of_sides(names, own, stacklevel=4)
+        _warn_of_sides(names, own)
     n = gamma.shape[-1]
     c = given.reshape(-1, rows, 1)
     carried = np.swapaxes(carried[:, part], 1, 2)
@@ -372,9 +371,8 @@ def _warn_of_rigid(rigid: NDArray[np.bool_], load: FloatArray, names: tuple[str,
     rounded = [0.0 if abs(value) < ROUNDED else float(f"{value:.4g}") for value in load / load[np.abs(load).argmax()]]
     said = f"a force along {tuple(rounded[:3])} N with a moment of {tuple(rounded[3:])} N m moves the end by nothing"
     of = f" of {rigid.sum()} of {rigid.size} instances" if rigid.size > 1 else ""
-    warnings.warn(
+    warn(
         f"stiffness{of} is NaN: it is infinite one way, as {said}; jacobian{names} tells how it gives way otherwise, and with "
         "an axial_stiffness it is finite",
         RuntimeWarning,
-        3,
     )

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
-from warnings import warn
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.types import Numbers
 from multirod.validation import LARGEST, Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
+from multirod.warning import warn
 
 GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
 
@@ -175,14 +175,12 @@ def critical_loads(
         warn(
             f"at load factors {ranges} a mode is so near to neutral that stability may be lost and regained unseen",
             IncompleteWarning,
-            stacklevel=2,
         )
     if budget.left < 0:
         warn(
             f"the {method.max_integrations} integrations allowed were used up at a load factor of {reached:.6g}: give a "
             "solver with more max_integrations, or up_to",
             IncompleteWarning,
-            stacklevel=2,
         )
     found = [_critical(robot, method, begin, inputs, branch, change, device) for change in changes]
     return CriticalLoads(found, reached=reached, undecided=undecided)

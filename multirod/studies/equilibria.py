@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
-from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.studies.critical_loads import natural_start, unloaded, within
 from multirod.validation import Described, FloatArray, device_name, frozen, positive_int, refuse
+from multirod.warning import warn
 
 FOLLOWED = 32  # branches through equilibria that were found, where the signs tell of others
 FOLLOWED_STEPS = 400  # of each
@@ -162,7 +162,6 @@ def equilibria(
             f"the {method.max_integrations} integrations allowed were used up before the search came to its end: give a "
             "solver with more max_integrations",
             IncompleteWarning,
-            stacklevel=2,
         )
     problem.budget = alone.budget = None
     if budget.left < 0:  # what had converged in the round that was cut off
@@ -181,7 +180,6 @@ def equilibria(
             f"{result.missing} equilibria are missing at least, by the signs of those found; raise starts, or give a solver with "
             "a tighter tolerance and integrator",
             IncompleteWarning,
-            stacklevel=2,
         )
     if catalogue.unsolved:
         count = len(catalogue.unsolved)
@@ -190,7 +188,6 @@ def equilibria(
             "be listed: the integrator's error is more than the tolerance there; give a tighter one, such as "
             "solver=Shooting(integrator=RK45(rtol=1e-11, atol=1e-13))",
             IncompleteWarning,
-            stacklevel=2,
         )
     return result
 

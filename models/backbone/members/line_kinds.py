@@ -10,12 +10,14 @@ from multirod import profile
 from multirod.models.backbone.kernels.members.lines import section_chamber_law, tendon_law
 from multirod.models.backbone.members.lines import DrivenByLength, Line, Where
 from multirod.models.backbone.members.member import Member
-from multirod.naming import hinted
+from multirod.naming import hinted, signed_as
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, positive_array, refuse
 
 if TYPE_CHECKING:
     from multirod.rod import Section
+
+AT_AN_OFFSET = "an offset is one pair, {0}((0.008, 0){1}), at a radius r and an angle a (r*cos(a), r*sin(a)), all else is named"
 
 
 class TendonOptions(Where, total=False):
@@ -52,19 +54,7 @@ class Tendon(Line):
     convex = True  # (L4): where tensions are not negative
     friction: FloatArray = np.asarray(0.0)
 
-    def __new__(cls, *_: object, driven: str = "tension", friction: Numbers = 0.0, **__: object) -> Self:
-        """Of another law, where it is driven by displacement or rubs."""
-        choice("Tendon.driven", driven, ("tension", "displacement"))
-        if cls is not Tendon:
-            return super().__new__(cls)
-        rubs = bool(np.any(array("Tendon.friction", friction, ())))
-        laws: dict[str, tuple[type[Tendon], type[Tendon]]] = {
-            "tension": (Tendon, RubbingTendon),
-            "displacement": (DisplacedTendon, RubbingDisplacedTendon),
-        }
-        return super().__new__(laws[driven][rubs])  # type: ignore[return-value]
-
-    @hinted("an offset is one pair, Tendon((0.008, 0)), all else is named")
+    @hinted(AT_AN_OFFSET.format("Tendon", ""))
     def __init__(
         self,
         offset: Numbers | None = None,
@@ -82,6 +72,19 @@ class Tendon(Line):
             if value is not None:
                 refuse(f"Tendon.{field}", value, 'must not be given where driven = "tension"')
         super().__init__(offset, route=route, start=start, end=end, name=name)
+
+    @signed_as(__init__)
+    def __new__(cls, *_: object, driven: str = "tension", friction: Numbers = 0.0, **__: object) -> Self:
+        """Of another law, where it is driven by displacement or rubs."""
+        choice("Tendon.driven", driven, ("tension", "displacement"))
+        if cls is not Tendon:
+            return super().__new__(cls)
+        rubs = bool(np.any(array("Tendon.friction", friction, ())))
+        laws: dict[str, tuple[type[Tendon], type[Tendon]]] = {
+            "tension": (Tendon, RubbingTendon),
+            "displacement": (DisplacedTendon, RubbingDisplacedTendon),
+        }
+        return super().__new__(laws[driven][rubs])  # type: ignore[return-value]
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:  # noqa: D102
@@ -191,6 +194,7 @@ class PushRod(DrivenByLength):
     written = DrivenByLength.written | {"bending_stiffness"}
     parameters: ClassVar = {**Line.parameters, "bending": (1, 2)}
 
+    @hinted(AT_AN_OFFSET.format("PushRod", ""))
     def __init__(
         self,
         offset: Numbers | None = None,
@@ -290,11 +294,7 @@ class Chamber(Line):
     parameters: ClassVar = {"weight": (0, 2), "discs": (0, 2)}
     drive: ClassVar = ("pressure", (1, -2))
 
-    def __new__(cls, *_: object, area_fixed: str = "across", **__: object) -> Self:
-        """Of another law, where the area in the section is fixed."""
-        choice("Chamber.area_fixed", area_fixed, ("across", "section"))
-        return super().__new__(SectionChamber if cls is Chamber and area_fixed == "section" else cls)  # type: ignore[return-value]
-
+    @hinted(AT_AN_OFFSET.format("Chamber", ", area=2e-5"))
     def __init__(
         self,
         offset: Numbers | None = None,
@@ -310,6 +310,12 @@ class Chamber(Line):
         if area is None:
             raise TypeError("Chamber needs area")
         self.area = positive_array("Chamber.area", area)
+
+    @signed_as(__init__)
+    def __new__(cls, *_: object, area_fixed: str = "across", **__: object) -> Self:
+        """Of another law, where the area in the section is fixed."""
+        choice("Chamber.area_fixed", area_fixed, ("across", "section"))
+        return super().__new__(SectionChamber if cls is Chamber and area_fixed == "section" else cls)  # type: ignore[return-value]
 
     @property
     def weight(self) -> FloatArray:  # noqa: D102

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from contextlib import closing
 from typing import Any
-from warnings import warn
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from multirod.studies.sweeps.folder import FORMAT, Folder
 from multirod.studies.sweeps.study import Study
 from multirod.studies.sweeps.table import Arrays, to_table
 from multirod.validation import Described, choice, device_name, path_of, positive_int, refuse
+from multirod.warning import warn
 
 
 @names_checked
@@ -102,7 +102,7 @@ def sweep(
         folder.begin(manifest)
         study = Study(out)
         for k, path in folder.remove_broken().items():
-            warn(f"{path} was broken, its checksum not that in its name: chunk {k} is solved again", RuntimeWarning, stacklevel=2)
+            warn(f"{path} was broken, its checksum not that in its name: chunk {k} is solved again", RuntimeWarning)
         finished = set(study.finished_chunks)
         missing = [k for k in range(study.chunk_count) if k not in finished]
 
