@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 from test_parallel_rods import ring
 from test_stability import two_tubes
@@ -116,6 +117,26 @@ def test_platform_on_columns_sways():
     # each leg alone would sway at the same load, where its condensed form is infinite: that costs digits
     np.testing.assert_allclose(found.load_factor, 3 * np.pi**2, rtol=1e-6)
     assert (found.fold, found.multiplicity) == (False, 2)
+
+
+def test_equal_legs_buckle_together():
+    """Six, each clamped in line with itself: 4 pi^2 EI/l^2 of each at once, in both planes, which no eigenvalue shows."""
+    EI, height, radius = 0.157, 0.39, 0.087
+    feet, heads = (np.radians(own) for own in ([-10, 10, 110, 130, 230, 250], [-50, 50, 70, 170, 190, 290]))
+    base, platform = np.tile(np.eye(4), (2, 6, 1, 1))
+    for poses, angles in ((base, feet), (platform, heads)):
+        poses[:, :2, 3] = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    along = platform[:, :3, 3] + (0, 0, height) - base[:, :3, 3]
+    length = np.linalg.norm(along, axis=1)
+    turned = Rotation.concatenate([Rotation.align_vectors(own, (0, 0, 1))[0] for own in along]).as_matrix()
+    base[:, :3, :3] = platform[:, :3, :3] = turned
+    legs = [mr.Rod(length=own, bending_stiffness=EI, torsional_stiffness=0.8 * EI) for own in length]
+    robot = mr.ParallelRods(legs=legs, base=base, platform=platform)
+    with pytest.warns(mr.IncompleteWarning, match="may be lost and regained unseen"):
+        (found,) = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)))
+    expected = np.sum(4 * np.pi**2 * EI / length**2 * height / length)
+    np.testing.assert_allclose(found.load_factor, expected, rtol=1e-6)
+    assert (found.fold, found.index_before, found.index_after) == (False, 0, 12)
 
 
 def test_one_load_is_raised_while_another_stays():
@@ -237,6 +258,14 @@ def test_a_mode_that_no_eigenvalue_shows_is_found_where_it_is_hidden(width):
     np.testing.assert_allclose(places(step), place, rtol=0, atol=1e-11)
     ((first, *_, last),) = step.undecided
     assert last.place[1] - first.place[1] < 1e-4
+
+
+def test_what_comes_and_goes_where_many_modes_vanish_is_one_change():
+    """As of equal legs: next to where all vanish their signs are noise."""
+    line = Line(*(lambda s, k=k: 0.3217 - s + 3e-5 * np.sin(1e12 * s + k) for k in range(3)))
+    step = line.step()
+    assert [(change.before, change.after) for change in step.changes] == [(0, 3)]
+    np.testing.assert_allclose(places(step), 0.3217, rtol=0, atol=6e-5)
 
 
 def test_a_mode_that_stays_neutral_is_no_change():

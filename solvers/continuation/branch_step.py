@@ -24,7 +24,7 @@ RETURN = 0.5  # smallest cosine between the tangents of a step
 EXACT = 1e-8  # of an eigenvalue over K/L: what the integration leaves of it, where columns do not tell
 SAME = 1e-5  # of a step: changes no further apart are one, of several modes
 NUDGE = 1e-7  # of a step
-HIDDEN = 1e-8  # along a branch: within which a change is told by what is on both sides of it
+HIDDEN = 1e-8  # of how far a branch leads: within which a change is told by what is on both sides of it
 LEVEL = 1e-3  # slope of the load along the branch under which it has a fold
 
 
@@ -168,6 +168,7 @@ class Inspection:
         open_ = [_Part(_Sample(0.0, self._before), _Sample(self._length, self._after), None)]
         places: list[tuple[float, int]] = []
         undecided: list[list[Point]] = []
+        stretches: list[tuple[float, float]] = []  # where these begin and end
         cuts = 0
         while open_:
             part = open_.pop()
@@ -184,11 +185,14 @@ class Inspection:
             if not sure:
                 if undecided and undecided[-1][-1] is part.left.point:
                     undecided[-1].append(part.right.point)
+                    stretches[-1] = (stretches[-1][0], part.right.distance)
                 else:
                     undecided.append([part.left.point, part.right.point])
+                    stretches.append((part.left.distance, part.right.distance))
         if self._neutral:
             undecided = [[self._before, self._after]]
-        return Step(self._before, self._after, self._changes(sorted(places)), tuple(map(tuple, undecided)))
+        changes = self._changes(_by_stretch(self._merged(places), stretches))
+        return Step(self._before, self._after, changes, tuple(map(tuple, undecided)))
 
     def _cut(self, part: _Part) -> tuple[_Sample, FloatArray]:
         """The middle of a part, and how far eigenvalues may be from their cubics on either side of it."""
@@ -270,27 +274,43 @@ class Inspection:
             value(place)
         except Unknown:  # of a mode that no eigenvalue shows, its place is where rounding hides whether there is one
             place = max(own for own in seen if (value(own) < 0) == (value(left.distance) < 0))
-            if min(own for own in seen if own > place) - place > HIDDEN:
+            if min(own for own in seen if own > place) - place > HIDDEN * max(1.0, np.abs(left.point.place).max()):
                 raise
         self._points[place] = seen[place]
         return place
 
-    def _changes(self, places: list[tuple[float, int]]) -> tuple[Change, ...]:
-        """The changes, in their order, those at one place as one."""
+    def _merged(self, places: list[tuple[float, int]]) -> list[tuple[float, int]]:
+        """Changes in their order, those at one place as one."""
         merged: list[tuple[float, int]] = []
-        for place, sign in places:
+        for place, sign in sorted(places):
             if merged and sign * merged[-1][1] > 0 and place - merged[-1][0] < SAME * self._length:
                 merged[-1] = (merged[-1][0], merged[-1][1] + sign)
             else:
                 merged.append((place, sign))
+        return merged
+
+    def _changes(self, places: list[tuple[float, int]]) -> tuple[Change, ...]:
+        """The changes at places in their order, and by how much."""
         result: list[Change] = []
         index = self._before.index
-        for place, difference in merged:
+        for place, difference in places:
             point = self._points[place]
             fold = abs(difference) == 1 and abs(point.tangent[-1]) < LEVEL
             result.append(Change(point, fold, index, index + difference))
             index += difference
         return tuple(result)
+
+
+def _by_stretch(changes: list[tuple[float, int]], stretches: list[tuple[float, float]]) -> list[tuple[float, int]]:
+    """Changes to and fro on a stretch that is undecided, beyond which there are more unstable modes than before it, or fewer, as
+    one, where the most change: of modes that vanish together signs are noise next to there."""
+    for begin, end in stretches:
+        own = [change for change in changes if begin <= change[0] <= end]
+        net = sum(difference for _, difference in own)
+        if net and max(difference for _, difference in own) > 0 > min(difference for _, difference in own):
+            place = max(own, key=lambda change: abs(change[1]))[0]
+            changes = sorted([*(change for change in changes if change not in own), (place, net)])
+    return changes
 
 
 def _neutral(points: Sequence[Point]) -> frozenset[int]:
