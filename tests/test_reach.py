@@ -11,7 +11,7 @@ from multirod.problem import BoundaryProblem
 from multirod.reuse import KEPT
 from multirod.rotations import matrices, vectors
 from multirod.tasks.formulation import Task, input_units
-from multirod.tasks.limits import limit_rows, middle
+from multirod.tasks.limits import limit_rows, middle, nearest
 from multirod.tasks.reaching.goals import Goals
 from multirod.tasks.reaching.search import Search
 
@@ -68,6 +68,32 @@ def test_positions_are_reached_in_six_integrations_within_limits_at_every_step(s
     np.testing.assert_allclose(again.tip_position, there.tip_position, atol=1e-7)
     np.testing.assert_allclose(found.target_error, 0, atol=1e-7)
     assert np.isnan(found.target_angle).all()
+
+
+def test_no_small_step_within_limits_leads_nearer_to_what_they_hold_back(start):
+    """Of targets towards which full steps swing between limits; each small step is taken by a solve, in 400 directions."""
+    place = np.array([(0.0163, -0.0665, 0.2635), (0.0068, -0.0622, 0.2903)])
+    axis = np.array([(0.7118, 0.1342, 0.6894), (0.3247, -0.6494, 0.6876)])
+    options = {"free": FREE, "limits": LIMITS, "solver": SOLVER}
+    found = mr.reach(TUBES, mr.Pose(position=place, axis=axis), guess=start, **options)
+    assert (found.status == mr.Status.AT_LIMIT).all()
+    rows, unit, length = limit_rows(TUBES, LIMITS, FREE), input_units(TUBES, FREE), TUBES.longest
+    random = np.random.default_rng(0)
+    for k in range(len(place)):
+        held = found[k]
+
+        def left(solution, k=k):
+            angle = np.arccos(np.clip(solution.tip_rotation[..., 2] @ (axis[k] / np.linalg.norm(axis[k])), -1, 1))
+            return np.hypot(np.linalg.norm(solution.tip_position - place[k], axis=-1) / length, angle)
+
+        p = np.concatenate([held.inputs.rotation, held.inputs.translation])
+        step = random.normal(size=(400, len(p)))
+        step *= 0.02 / np.linalg.norm(step, axis=1, keepdims=True)
+        near = nearest(rows, p + unit * step, unit)
+        inputs = TUBES.inputs(rotation=near[:, :3], translation=near[:, 3:], tip_force=start.inputs.tip_force)
+        around = mr.solve(TUBES, inputs, solver=SOLVER, guess=held)
+        # a step of second order in a valley; without the steps that fall, some of these take off a twentieth and more
+        assert left(around).min() >= 0.995 * left(held)
 
 
 def test_coarse_integrations_lead_to_results_that_those_of_all_steps_say(start, monkeypatch):
@@ -308,11 +334,10 @@ def test_no_search_ends_farther_off_than_it_began(start):
     # the search's kernel rounds its steps otherwise than that of the start
     assert (off(found.target_error, found.target_angle) <= off(away, turned) * (1 + 1e-5)).all()
     back = np.all([(getattr(found.ended_at, name) == getattr(start.inputs, name)).all(axis=1) for name in FREE], axis=0)
-    limited = back & (found.status == mr.Status.AT_LIMIT)
-    assert limited.any()
     assert (back & (found.status == mr.Status.UNREACHABLE)).any()
-    assert not (back & (found.status == mr.Status.REACHED)).any()
-    np.testing.assert_allclose(found.tip_position[limited], np.tile(start.tip_position, (limited.sum(), 1)), atol=1e-6)
+    limited = found.status == mr.Status.AT_LIMIT
+    assert limited.any()
+    assert not (back & ~found.failed).any()  # limits hold nothing back where it began
     assert (found.residual[limited] <= 1e-9).all()
     assert (found.stability[~found.failed] == mr.Stability.STABLE).all()
     assert np.isnan(found.tip_position[found.failed]).all()

@@ -137,7 +137,7 @@ class Search:
         if not len(rows):
             return rows
         self.here.x[rows], self.here.p[rows] = self.last.x[rows], self.last.p[rows]
-        settled = self._settled(rows)
+        settled = self.settled(rows)
         self.last.put(settled, self.here)
         return np.setdiff1d(rows, settled)
 
@@ -277,7 +277,7 @@ class Search:
             return
         before, errors = self.last.copy(), self.errors.copy()
         self.here.x[rows], self.here.p[rows] = place.x, place.p
-        settled = self._settled(rows)
+        settled = self.settled(rows)
         self.last.put(settled, self.here)
         fit = settled[np.linalg.norm(self.errors[settled], axis=1) < np.linalg.norm(errors[settled], axis=1)]
         fit = fit[~(self.unstable(fit) | self.beyond(fit))]
@@ -286,7 +286,7 @@ class Search:
         self.errors[others] = errors[others]
         self.status[fit] = Status.AT_LIMIT
 
-    def _returned(self) -> None:
+    def returned(self) -> None:
         """Put those back to where they began that are not ``REACHED`` and ended farther off than that; statuses stay.
 
         A result, ``AT_LIMIT``, only where that is stable and within the limits of shapes.
@@ -297,7 +297,7 @@ class Search:
             return
         ended, errors = self.last.copy(), self.errors.copy()
         self.here.x[rows], self.here.p[rows] = self.origin_unknowns[rows], self.origin[rows]
-        settled = self._settled(rows)
+        settled = self.settled(rows)
         self.last.put(settled, self.here)
         results = settled[self.status[settled] == AT_LIMIT]
         unfit = np.setdiff1d(rows, settled)
@@ -306,7 +306,7 @@ class Search:
         self.last.put(unfit, ended)
         self.errors[unfit] = errors[unfit]
 
-    def _settled(self, rows: IntArray, most: int = SETTLING) -> IntArray:
+    def settled(self, rows: IntArray, most: int = SETTLING) -> IntArray:
         """Newton's method on the unknowns alone, from ``here``, whose errors are then known; which of the rows converged."""
         settled = np.zeros(len(self.status), dtype=bool)
         for _ in range(most):
@@ -328,7 +328,7 @@ class Search:
         if not len(rows):
             return
         self.here.x[rows], self.here.p[rows] = self.last.x[rows], self.last.p[rows]
-        settled = self._settled(rows, SETTLING_FAR)
+        settled = self.settled(rows, SETTLING_FAR)
         self.last.put(settled, self.here)
         farther = np.linalg.norm(self.errors[rows], axis=1) > np.linalg.norm(self.origin_errors[rows], axis=1)
         back = np.union1d(np.setdiff1d(rows, settled), rows[farther])
@@ -350,7 +350,6 @@ class Search:
         """Leave the problem's buffers at ``last``, and what its own test refuses as failed."""
         problem, done = self.task.problem, self.all_reached
         if not done:
-            self._returned()
             self.status[self._settle(np.flatnonzero(self.status == AT_LIMIT))] = Status.UNREACHABLE
         if self.goals.of_shape is not None:
             rows = np.flatnonzero(self._found())

@@ -18,6 +18,7 @@ from multirod.tasks.controlling.shape_limits import INSET
 from multirod.tasks.formulation import Task, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
 from multirod.tasks.reaching.goals import Goals, Place, Prefer
+from multirod.tasks.reaching.nearing import neared
 from multirod.tasks.reaching.reached import ShapeHolds
 from multirod.tasks.reaching.redundancy import steadied
 from multirod.tasks.reaching.search import AT_LIMIT, REACHED, Search
@@ -102,6 +103,9 @@ def search_part(
             _from_elsewhere(work, search, piece, sound)
     if work.prefer == "stability":
         steadied(search)
+    if not search.all_reached:
+        search.returned()
+        neared(search)
     search.leave()
     return search
 
