@@ -564,6 +564,22 @@ def test_the_innermost_of_tubes_that_end_together_but_for_rounding_is_loaded(gap
         np.testing.assert_allclose(jacobian, together[1], rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.parametrize("force", [(0.0, 0.0, 0.0), (0.0, 0.3, 0.1)])
+def test_tubes_that_end_together_but_for_rounding_are_as_stable_as_together(force):
+    """Which angles are free at the tip is told alike: one that is free a hair before it is no part of what resists there."""
+    long, short, outer = (
+        mr.Rod(length=length, bending_stiffness=0.05, torsional_stiffness=0.04, precurvature=(6, 0, 0))
+        for length in (0.375, 0.2, 0.25)
+    )
+    robot = mr.ConcentricTubes([long, short, outer])
+    translation = np.zeros((3, 3))
+    translation[:, 0] = [-0.125, -0.125 + 1e-16, -0.125 - 1e-16]
+    inputs = robot.inputs(rotation=(0, 1, 2.5), translation=translation, tip_force=force)
+    together, *apart = mr.solve(robot, inputs).stability_margin
+    assert together > 0.1
+    np.testing.assert_allclose(apart, together, rtol=1e-6)  # where solves end
+
+
 def test_a_loaded_batch_of_three_is_bitwise_what_each_is_alone():
     robot = three(bent=EVEN)
     random = np.random.default_rng(5)

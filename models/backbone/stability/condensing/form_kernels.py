@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from multirod.kernels.own_module import own_module
+from multirod.models.backbone.kernels.tips import is_as_far
 from multirod.models.backbone.stability.condensing.second_variation import STIFF, WORST_CONDITION
 
 f64 = wp.float64
@@ -206,15 +207,22 @@ def look_at(s: wp.ref[Form], t: int, node: int, r: int) -> bool:
 
 
 @wp.func
-def next_rod(s: wp.ref[Form], t: int, after: f64, rod: int) -> int:
-    """The rod that ends next before the tip, after one that ends at ``after``; -1 if there is none."""
+def farthest(s: wp.ref[Form], t: int) -> f64:
+    """Where the tip is."""
     tip = s.ends[t, 0]
     for i in range(1, s.ends.shape[1]):
         tip = wp.max(tip, s.ends[t, i])
+    return tip
+
+
+@wp.func
+def next_rod(s: wp.ref[Form], t: int, after: f64, rod: int) -> int:
+    """The rod that ends next before the tip, after one that ends at ``after``; -1 if there is none."""
+    tip = farthest(s, t)
     found = int(-1)
     for i in range(s.ends.shape[1]):
         own = s.ends[t, i]
-        if own < tip and (own > after or (own == after and i > rod)):
+        if not is_as_far(own, tip) and (own > after or (own == after and i > rod)):
             if found < 0 or own < s.ends[t, found]:
                 found = i
     return found
@@ -357,10 +365,11 @@ def write_form(s: wp.ref[Form], t: int, node: int, r: int) -> bool:
 
 @wp.func
 def longest_rod(s: wp.ref[Form], t: int) -> int:
+    """The one that ends at the tip, whose rotation comes first in the columns."""
+    tip = farthest(s, t)
     longest = int(0)
-    for i in range(1, s.ends.shape[1]):
-        if s.ends[t, i] > s.ends[t, longest]:
-            longest = i
+    while longest < s.ends.shape[1] - 1 and not is_as_far(s.ends[t, longest], tip):
+        longest += int(1)
     return longest
 
 
@@ -469,7 +478,9 @@ def make_form():
         while going:
             rod = next_rod(s, t, end, rod)
             going = rod >= 0
-            end = s.ends[t, wp.where(going, rod, longest)]
+            end = farthest(s, t)
+            if going:
+                end = s.ends[t, rod]
             known = look_at(s, t, node, r) and known
             while node + 1 < s.arclength.shape[1] and not s.arclength[t, node] >= end:
                 for i in range(r):
