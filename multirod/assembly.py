@@ -139,6 +139,16 @@ class Assembly(Asked, ReadOnly, ABC):
         """How many columns derivatives by an input have, or by one of ``parameters``."""
         return next(spec.size(self.rod_count) for spec in self.input_specs if spec.name == name)
 
+    @property
+    def numbers_by_name(self) -> Mapping[str, Mapping[str, int]]:
+        """Of inputs that are taken by name, how many numbers each of those named has, in their order."""
+        return {}
+
+    @property
+    def driven(self) -> tuple[str, ...] | None:
+        """Names of the rods that motors turn and push, of which tasks choose ``rotation`` and ``translation``; None is all."""
+        return None
+
     def ends_meet(self, inputs: Inputs) -> bool:
         """Whether ends of sections are at one place, in any instance, so that derivatives by what moves one have a side."""
         return False

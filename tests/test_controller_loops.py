@@ -7,7 +7,7 @@ from observer_scenes import three_tubes
 import multirod as mr
 from multirod.rotations import matrices
 from multirod.studies.scenes import six_legs
-from multirod.tasks.formulation import with_values
+from multirod.tasks.freed import with_values
 
 STEPS = mr.RK4(30)
 TUBES, MOTION = three_tubes()

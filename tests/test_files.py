@@ -133,7 +133,7 @@ ROBOTS = {
         base_joint="revolute",
         base_joint_axis=(0, 1, 1),
     ),
-    "network": lambda: network(end_effector="feeler"),
+    "network": lambda: network(end_effector="feeler", driven=["left", "right"]),
     "network with holes": lambda: network(
         holes=[
             {"at": 0.05, "kind": "prismatic", "pose": TURNED, "stiffness": 40.0, "rest": 0.06},

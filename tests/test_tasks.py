@@ -11,7 +11,8 @@ from constrained_step import step
 import multirod as mr
 from multirod.batch import solved_each
 from multirod.rotations import matrices
-from multirod.tasks.formulation import Evaluation, Task, freed
+from multirod.tasks.formulation import Evaluation, Task
+from multirod.tasks.freed import freed
 from multirod.tasks.rows import Pose
 
 RANDOM = np.random.default_rng(16)

@@ -45,7 +45,8 @@ def multibackbone(
 
     Returns:
         The network: ``robot.inputs(translation={"rod 0": -0.002}, force={"disc 5": (0, 0, -1)})``. ``translation`` pushes a rod
-        out of its base: pulled rods bend the robot to their side.
+        out of its base: pulled rods bend the robot to their side. Motors drive the rods, not the backbone between its discs, so
+        that ``mr.reach(robot, target, free="translation")`` and a ``Controller`` push rods alone.
 
     Raises:
         ValueError: If there is no disc or rod, a rod is not as long as the backbone, offsets are not one pair for each rod, or
@@ -79,7 +80,8 @@ def multibackbone(
         joints += [Joint(f"rod {i}", "base", to=to, pose=pose), Joint(f"rod {i}", "tip", to=plates[-1], pose=pose)]
         for k, plate in enumerate(plates[:-1]):
             joints.append(Joint(f"rod {i}", "along", at=length * (k + 1) / count, to=plate, pose=pose, kind=kind))  # type: ignore[arg-type]  # one of them
-    return Network(rods=parts, bodies=[to, *plates] if isinstance(to, Body) else plates, joints=joints, base=base)
+    bodies = [to, *plates] if isinstance(to, Body) else plates
+    return Network(rods=parts, bodies=bodies, joints=joints, base=base, driven=[f"rod {i}" for i in range(len(at))])
 
 
 def _offsets(given: Numbers, count: int) -> FloatArray:

@@ -19,12 +19,12 @@ from multirod.models.assemblies.network_inputs import (
     FIXED_INPUTS,
     INPUTS,
     LOAD_INPUTS,
-    NO_JOINT,
-    ON_PLACES,
+    NOT_THERE,
     ROD_INPUTS,
     by_itself,
-    by_name,
+    driven_rods,
     in_order,
+    numbers_by_name,
     refuse_around,
     renamed,
     robot_of,
@@ -38,13 +38,13 @@ from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.terms import scene_features
 from multirod.models.network.derivatives.designs import PARAMETERS, columns_of, parameter_size
-from multirod.models.network.elements.groups import ON_RODS, along, is_on_rods
+from multirod.models.network.elements.groups import along, is_on_rods
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of, number_of, place_of
 from multirod.models.network.joining.checks import holes_by_rod, joint_called, joints_by_end, warn_of_free_tips
 from multirod.models.network.joining.joints import Joint
-from multirod.models.network.places import FIXED, LOADED, PER_ROD
+from multirod.models.network.places import FIXED, LOADED
 from multirod.models.network.problem import NetworkProblem
 from multirod.read_only import changed
 from multirod.reuse import reusable
@@ -71,6 +71,7 @@ class Network(Assembly):
             whose tip it is; by default the last such body, or where there is none, the first rod whose tip is free, or else the
             first.
         base: Pose of the ground in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
+        driven: Names of the rods that motors turn and push, so that tasks choose ``rotation`` and ``translation`` of them alone.
 
     Attributes:
         bodies: As given.
@@ -95,6 +96,7 @@ class Network(Assembly):
         joints: Sequence[Joint],
         end_effector: Body | str | tuple[Body | str, str] | None = None,
         base: Poses | None = None,
+        driven: Sequence[str] | None = None,
     ) -> None:
         kinds = (Rod, ConcentricTubes)
         if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, kinds) for rod in rods.values()):
@@ -109,7 +111,7 @@ class Network(Assembly):
                 refuse("Network.bodies", name, "must have a name of its own among rods and bodies")
         robots = [robot_of(rod, name) for name, rod in rods.items()]
         self.rods = tuple(rod for robot in robots for rod in robot.rods)
-        self.base = pose("Network.base", base)
+        self.base, self._motors = pose("Network.base", base), driven_rods(driven, rods)
         joined = joints_by_end(self.joints, rods, self.bodies)
         holes = holes_by_rod(self.joints, rods)
         self.graph = Graph(robots, list(rods), self.bodies, joined, self.base, holes, self.joints)
@@ -241,24 +243,21 @@ class Network(Assembly):
         first = 3 * self.load_places.index(self.effector_name)
         return dict.fromkeys(LOADED, slice(first, first + 3))
 
+    @property
+    def numbers_by_name(self) -> dict[str, dict[str, int]]:  # noqa: D102
+        return numbers_by_name(self.graph, self.load_places, self.fixed_bodies)
+
+    @property
+    def driven(self) -> tuple[str, ...] | None:  # noqa: D102
+        return self._motors
+
     def make_inputs(self, values: Mapping[str, Any]) -> Inputs:  # noqa: D102
         plain = dict(values)
-        names, graph = self.graph.whole_names, self.graph
-        per_rod = {name: robot.rod_count for name, robot in zip(names, graph.whole, strict=True)}
-        sizes = dict.fromkeys(PER_ROD, per_rod) | dict.fromkeys(ON_PLACES, dict.fromkeys(self.load_places, 3))
-        sizes |= dict.fromkeys(ON_RODS, dict.fromkeys(names, 3)) | dict.fromkeys(FIXED, dict.fromkeys(self.fixed_bodies, 3))
-        for name in DRIVES:
-            sizes[name] = {rod: own.count(name) for rod, own in zip(names, graph.drives, strict=False) if own.count(name)}
-        for name, own in sizes.items():
+        for name, own in self.numbers_by_name.items():
             if name in plain:
-                if name in FIXED and not own:
-                    refuse(name, plain[name], "must not be given: no body is fixed, mr.Body(..., fixed=True)")
+                if name in NOT_THERE and not own:
+                    refuse(name, plain[name], f"must not be given: {NOT_THERE[name]}")
                 plain[name] = in_order(name, plain[name], own)
-        for name, joints in graph.by_coordinate.items():
-            if name in plain:
-                if not joints:
-                    refuse(name, plain[name], f"must not be given: {NO_JOINT[name]}")
-                plain[name] = by_name(name, plain[name], joints) if isinstance(plain[name], Mapping) else plain[name]
         return super().make_inputs(plain)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102

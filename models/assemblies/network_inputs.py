@@ -1,6 +1,6 @@
 """What networks take: rods, and inputs, whose values by the names of rods, bodies and joints are put in order."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,17 +10,17 @@ from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
-from multirod.models.backbone.inputs import BACKBONE_INPUTS
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.network.elements.groups import ON_RODS
 from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import place_of
-from multirod.models.network.places import FIXED, FOLLOWING, LOADED
+from multirod.models.network.places import FIXED, FOLLOWING, LOADED, PER_ROD
 from multirod.models.platform.inputs import LEG_INPUTS
 from multirod.naming import meant
 from multirod.read_only import changed
 from multirod.rod import Rod
-from multirod.validation import FloatArray, array, refuse
+from multirod.validation import FloatArray, array, refuse, sequence
 
 INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
 OF_ONE = {spec.name: spec for spec in BACKBONE_INPUTS}  # rod, by name
@@ -85,12 +85,35 @@ COORDINATE_INPUTS = (
         description="forces along the axes of prismatic and cylindrical joints that are not driven",
     ),
 )
-NO_JOINT = {  # why each of these may not be given
+NOT_THERE = {  # why each of these may not be given
     "angle": "no joint is driven, mr.Joint(..., driven=True)",
     "slide": "no joint that slides is driven, mr.Joint(..., driven=True)",
     "joint_torque": "no joint that is not driven turns about axes, which a ball does not either",
     "slide_force": "no joint that is not driven slides",
+    **dict.fromkeys(FIXED, "no body is fixed, mr.Body(..., fixed=True)"),
 }
+
+
+def numbers_by_name(graph: Graph, load_places: Sequence[str], fixed_bodies: Sequence[str]) -> dict[str, dict[str, int]]:
+    """Of each input that is taken by name, how many numbers each of those named has, in their order."""
+    names = graph.whole_names
+    per_rod = {name: robot.rod_count for name, robot in zip(names, graph.whole, strict=True)}
+    sizes = dict.fromkeys(PER_ROD, per_rod) | dict.fromkeys(ON_PLACES, dict.fromkeys(load_places, 3))
+    sizes |= dict.fromkeys(ON_RODS, dict.fromkeys(names, 3)) | dict.fromkeys(FIXED, dict.fromkeys(fixed_bodies, 3))
+    for name in DRIVES:
+        sizes[name] = {rod: own.count(name) for rod, own in zip(names, graph.drives, strict=False) if own.count(name)}
+    return sizes | {name: dict(joints) for name, joints in graph.by_coordinate.items()}
+
+
+def driven_rods(given: Sequence[str] | None, rods: Iterable[str]) -> tuple[str, ...] | None:
+    """Checked names of the rods that are driven."""
+    if given is None:
+        return None
+    names = tuple(rods)
+    for name in sequence("Network.driven", given, str, "str"):
+        if name not in names:
+            refuse("Network.driven", name, f"must be names of rods, of {', '.join(map(repr, names))}{meant(name, names)}")
+    return tuple(given)
 
 
 def in_order(name: str, value: object, sizes: Mapping[str, int]) -> object:

@@ -192,7 +192,11 @@ READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
         "joint_axis": lambda robot: robot.joint_axis if robot.joint == "revolute" else None,
         "base_joint_axis": lambda robot: robot.base_joint_axis if robot.base_joint == "revolute" else None,
     },
-    "Network": {"rods": _rods, "end_effector": _end_effector},
+    "Network": {
+        "rods": _rods,
+        "end_effector": _end_effector,
+        "driven": lambda robot: None if robot.driven is None else list(robot.driven),
+    },
     "Body": {"frames": lambda body: body.frames or None},
     "Joint": {
         "to": lambda joint: joint.to.name,

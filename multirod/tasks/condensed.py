@@ -22,7 +22,7 @@ class Columns:
         self._task = task
         self._own: list[Shared] = []
         problem = task.problem
-        if problem.columns_in_place:
+        if task.in_place:
             target.slopes, target.moved, target.first = problem.residual_directions, problem.pose_columns, problem.unknown_count
             return
         count, n, k = problem.instance_count, problem.unknown_count, task.count
@@ -38,7 +38,7 @@ class Columns:
     def update(self) -> None:
         """After an integration."""
         if self._own:
-            for own, values in zip(self._own, self._task.problem.aimed(*self._task.free), strict=True):
+            for own, values in zip(self._own, self._task.aimed(), strict=True):
                 own.values[:] = values
                 own.send()
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -13,9 +12,9 @@ from multirod.assembly import Assembly
 from multirod.batch import Instances, IntArray, solved_each
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
-from multirod.naming import unknown_names
 from multirod.problem import BoundaryProblem
-from multirod.validation import FloatArray, frozen, refuse
+from multirod.tasks.freed import columns
+from multirod.validation import FloatArray
 
 PosedAt: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # position, rotation, columns by x and by p
 
@@ -87,13 +86,31 @@ class Task:
 
     def __init__(self, problem: BoundaryProblem, free: Sequence[str]) -> None:
         self.problem = problem
-        self.free = tuple(free)
-        self.places: NDArray[np.intp] = problem.tool(("places", self.free), self._placed)
+        self.free = free if isinstance(free, tuple) else tuple(free)
+        self._columns, self.places = problem.tool(("places", self.free), self._placed)
         problem.aim(*self.free)
 
-    def _placed(self) -> NDArray[np.intp]:
-        every = np.arange(self.problem.input_count)
-        return np.concatenate([every[self.problem.input_slice(name)] for name in self.free])
+    def _placed(self) -> tuple[NDArray[np.intp] | None, NDArray[np.intp]]:
+        """Which columns of what ``aimed`` says are of freed numbers, None of all; and where these stand in a row of inputs."""
+        every = [np.arange(self.problem.input_count)[self.problem.input_slice(name)] for name in self.free]
+        own = columns(self.free, [len(numbers) for numbers in every])
+        places = np.concatenate(every)
+        return None if len(own) == len(places) else own, places[own]
+
+    @property
+    def in_place(self) -> bool:
+        """Whether its columns stand in the problem's buffers as ``aimed`` says them."""
+        return self.problem.columns_in_place and self._columns is None
+
+    def aimed(self) -> tuple[FloatArray, FloatArray]:
+        """Columns of the residual and of the pose by what is free, of the last integration: shapes (b, n, k) and (b, 6, k)."""
+        slopes, moved = self.problem.aimed(*self.free)
+        return (slopes, moved) if self._columns is None else (slopes[..., self._columns], moved[..., self._columns])
+
+    def chosen(self, columns: FloatArray) -> FloatArray:
+        """Those by freed numbers, of columns (..., n + every number of what is free) by unknowns, then by these."""
+        n = self.problem.unknown_count
+        return columns if self._columns is None else columns[..., [*range(n), *(n + self._columns)]]
 
     @classmethod
     def of(
@@ -160,7 +177,7 @@ class Task:
     def last(self, instances: NDArray[np.intp] | slice = slice(None)) -> Evaluation:
         """What the last integration said of some instances, without another one."""
         problem, n = self.problem, self.problem.unknown_count
-        slopes, moved = problem.aimed(*self.free)
+        slopes, moved = self.aimed()
         residual, failed = problem.read("residual")[instances], problem.buffer("fault")[instances] != 0
         result = Evaluation(
             residual,
@@ -183,55 +200,6 @@ def options(robot: Assembly, free: Sequence[str]) -> dict[str, Any]:
     return {"pose_sensitivities": True, "enabled": tuple(free), **robot.input_directions(*free)}
 
 
-def freed(field: str, robot: Assembly, free: object) -> tuple[str, ...]:
-    """Checked names of inputs to be freed.
-
-    Raises:
-        TypeError: If one is not an input of the robot, or they are no names.
-        ValueError: If there is none, or one twice, or it is a measurement.
-    """
-    names = (free,) if isinstance(free, str) else free
-    if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
-        raise TypeError(f"{field} must be names of inputs, such as ('rotation', 'translation')")
-    specs = {spec.name: spec for spec in robot.input_specs}
-    own = [name for name in names if name not in specs and name in robot.parameters]
-    if own:
-        inputs = [name for name in names if name in specs]
-        together = f", unknown={inputs[0] if len(inputs) == 1 else tuple(inputs)!r}" if inputs and field == "unknown" else ""
-        raise TypeError(
-            f"{field} takes inputs of the robot, and {own[0]!r} is a number of its rods: "
-            f"mr.calibrate(parameters={own[0] if len(own) == 1 else own!r}{together}) finds that from measurements"
-            + (", and the others with it" if together else " under known loads")
-        )
-    unknown_names(field, names, specs)
-    if not names or len(set(names)) < len(names):
-        refuse(field, tuple(names), "must name one input or several, each once")
-    for name in names:
-        if specs[name].measured:
-            refuse(field, tuple(names), f"{name} is a measurement: it cannot be chosen")
-    return tuple(names)
-
-
-def places_of(inputs: Inputs, names: Sequence[str]) -> dict[str, slice]:
-    """Where the components of each input stand among all, one input after another."""
-    sizes = [getattr(inputs, name).shape[-1] for name in names]
-    return {name: slice(end - size, end) for name, end, size in zip(names, accumulate(sizes), sizes, strict=True)}
-
-
-def with_values(inputs: Inputs, names: Sequence[str], values: FloatArray) -> Inputs:
-    """The inputs with other values of some, (..., k), one input after another."""
-    places = places_of(inputs, names)
-    return inputs.with_arrays(inputs.arrays | {name: np.array(values[..., place]) for name, place in places.items()})
-
-
-def masked(inputs: Inputs, names: Sequence[str], failed: NDArray[np.bool_]) -> Inputs:
-    """The inputs, some of them NaN where a task ``failed`` (...), which found none."""
-    if not failed.any():
-        return inputs
-    values = {name: np.where(failed[..., None], np.nan, getattr(inputs, name)) for name in names}
-    return inputs.with_arrays(inputs.arrays | {name: frozen(own) for name, own in values.items()})
-
-
 def input_units(robot: Assembly, free: Sequence[str]) -> FloatArray:
     """(9) What counts as one of each freed number, shape (k,): 1 rad, a tenth of the longest rod's length, loads ``EI/L^2``."""
     length, stiffness = robot.longest, robot.stiffest
@@ -244,4 +212,4 @@ def input_units(robot: Assembly, free: Sequence[str]) -> FloatArray:
             borne = robot.borne(spec)
             unit = np.where(borne > 0, stiffness / length**spec.power / np.where(borne > 0, borne, 1.0), 1.0)
         sizes.append(np.broadcast_to(unit, spec.size(robot.rod_count)))
-    return np.concatenate(sizes)
+    return np.concatenate(sizes)[columns(free, [len(own) for own in sizes])]

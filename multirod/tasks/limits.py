@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 from weakref import ref
 
 import numpy as np
@@ -20,7 +20,8 @@ from multirod.naming import unknown_names
 from multirod.read_only import ReadOnly
 from multirod.results.remarks import Remarks
 from multirod.tasks.formulation import input_units, options
-from multirod.validation import FloatArray, array, nonnegative_float, number, positive_float, refuse, shown
+from multirod.tasks.freed import columns, named, parts_of
+from multirod.validation import Described, FloatArray, array, nonnegative_float, number, positive_float, refuse, shown
 
 SHORTEST = 1e-3  # of its length, what of a rod stays in use
 ROUNDING = 1e-14  # in units (9)
@@ -28,6 +29,7 @@ INSET = 1e-10  # likewise, by what steps keep limits, which rounding does not us
 PROJECTIONS = 1000
 MOST_KNOWN = 64  # rows that are kept for who asks for the same again
 NEAR = 1e-8  # in units (9), what is at a limit
+Pair: TypeAlias = tuple[FloatArray, FloatArray]
 ROUNDING_BEYOND = 1e-9  # of what counts as one, what a start may be beyond a limit by rounding
 
 
@@ -44,8 +46,9 @@ class Limits(ReadOnly):
         stability_margin: Least ``Solution.stability_margin``. Where that is not known, as of loads without a potential, nothing
             is within it: ``OUT_OF_LIMITS``.
         **inputs: Pairs ``(low, high)`` by the name of an input, each a number or one for each rod or line, such as
-            ``translation=([-0.2, -0.1], [0, 0])`` of two tubes; ``inf`` is no limit. Of ``tension`` none is below 0: what can
-            push is driven by ``displacement`` or ``pressure``.
+            ``translation=([-0.2, -0.1], [0, 0])`` of two tubes; ``inf`` is no limit. Of a ``Network`` also such pairs by names
+            of rods, bodies or joints, ``translation={"rod 0": (-6e-3, 6e-3)}``; what is not named has no limit. Of ``tension``
+            none is below 0: what can push is driven by ``displacement`` or ``pressure``.
 
     Raises:
         ValueError: If a pair is none, or empty, or one for each that leaves none of them any range, or a number is out of range,
@@ -71,17 +74,18 @@ class Limits(ReadOnly):
         if margin is not None and not 0 <= margin < inf:
             refuse("Limits.stability_margin", stability_margin, "must be finite and >= 0: what is below is unstable")
         self.stability_margin = margin
-        self._inputs = {name: _pair(name, value) for name, value in inputs.items()}
+        self._inputs = {name: _pairs(name, value) for name, value in inputs.items()}
 
     @property
-    def inputs(self) -> Mapping[str, tuple[FloatArray, FloatArray]]:
-        """Limits of inputs, by name."""
+    def inputs(self) -> Mapping[str, Pair | Mapping[str, Pair]]:
+        """Limits of inputs, by name: ``(low, high)``, or those by names of what they are of."""
         return MappingProxyType(self._inputs)
 
     @cached_property
     def key(self) -> tuple[object, ...]:
         """What rows of limits follow from, beside the robot and what is free."""
-        return self.gap, *((name, low.tobytes(), high.tobytes()) for name, (low, high) in self._inputs.items())
+        every = ((name, part, pair) for name, own in self._inputs.items() for part, pair in _by_part(own))
+        return self.gap, *((name, part, low.tobytes(), high.tobytes()) for name, part, (low, high) in every)
 
     @property
     def of_shape(self) -> bool:
@@ -96,12 +100,27 @@ class Limits(ReadOnly):
     def __repr__(self) -> str:
         values = {"gap": self.gap, "curvature": self.curvature, "stability_margin": self.stability_margin}
         parts = [f"{name}={value:g}" for name, value in values.items() if value is not None]
-        parts += [f"{name}=({low.tolist()}, {high.tolist()})" for name, (low, high) in self.inputs.items()]
+        parts += [f"{name}={_shown(own)}" for name, own in self.inputs.items()]
         return f"Limits({', '.join(parts)})"
 
 
-def _pair(name: str, value: object) -> tuple[FloatArray, FloatArray]:
-    field = f"Limits.{name}"
+def _by_part(own: Pair | Mapping[str, Pair]) -> Iterator[tuple[str, Pair]]:
+    """Limits of an input and what each is of, which is empty of the whole."""
+    yield from own.items() if isinstance(own, Mapping) else (("", own),)
+
+
+def _shown(own: Pair | Mapping[str, Pair]) -> str:
+    pairs = {part: f"({low.tolist()}, {high.tolist()})" for part, (low, high) in _by_part(own)}
+    return f"{{{', '.join(f'{part!r}: {pair}' for part, pair in pairs.items())}}}" if isinstance(own, Mapping) else pairs[""]
+
+
+def _pairs(name: str, value: object) -> Pair | Mapping[str, Pair]:
+    if not isinstance(value, Mapping):
+        return _pair(name, f"Limits.{name}", value)
+    return MappingProxyType({part: _pair(name, f"Limits.{name}[{part!r}]", own) for part, own in value.items()})
+
+
+def _pair(name: str, field: str, value: object) -> Pair:
     pair = list(value) if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim) else []
     if len(pair) != 2:
         refuse(field, value, f"must be a pair (low, high){_by_end(pair)}")
@@ -189,8 +208,8 @@ class LimitRows:
         return np.asarray(np.maximum(beyond / np.maximum(np.abs(self.matrix) @ unit, 1e-300), 0.0))
 
 
-def freed_labels(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
-    """What each freed number is called in messages."""
+def every_label(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
+    """What each number of these inputs is called in messages."""
     return [f"{name}[{j}]" if size > 1 else name for name, size in zip(free, sizes, strict=True) for j in range(size)]
 
 
@@ -207,6 +226,12 @@ def told(error: float, angle: float, held_by: Sequence[str]) -> dict[str, str]:
 _KNOWN: dict[Any, tuple[Any, LimitRows, FloatArray, dict[str, Any]]] = {}
 
 
+def freed_labels(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
+    """The same of those that are free."""
+    every = every_label(free, sizes)
+    return [every[k] for k in columns(free, sizes)]
+
+
 def asked_before(robot: Assembly, limits: Limits | None, free: object) -> tuple[LimitRows, FloatArray, dict[str, Any]] | None:
     """What ``known_rows`` found for these names, which so were checked then; None where it was not asked."""
     try:
@@ -219,7 +244,7 @@ def asked_before(robot: Assembly, limits: Limits | None, free: object) -> tuple[
 def known_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> tuple[LimitRows, FloatArray, dict[str, Any]]:
     """``limit_rows``, ``input_units`` and the ``options`` of problems as they were found before, the same objects, for a target
     after another."""
-    key = id(robot), None if limits is None else limits.key, tuple(free)
+    key = id(robot), None if limits is None else limits.key, free if isinstance(free, tuple) else tuple(free)
     found = _KNOWN.get(key)
     if found is None or found[0]() is not robot:
         if len(_KNOWN) >= MOST_KNOWN:
@@ -238,13 +263,9 @@ def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> L
     given = Limits() if limits is None else limits
     specs = {spec.name: spec for spec in robot.input_specs}
     unknown_names("Limits", given.inputs, specs)
-    for name in given.inputs:
+    for name, own_limits in given.inputs.items():
         if name not in free:
-            refuse(
-                f"Limits.{name}",
-                tuple(end.tolist() for end in given.inputs[name]),
-                f"must be of an input that is free: {', '.join(free)}",
-            )
+            refuse(f"Limits.{name}", Described(_shown(own_limits)), f"must be of an input that is free: {', '.join(free)}")
     sizes = [specs[name].size(robot.rod_count) for name in free]
     starts = dict(zip(free, np.cumsum([0, *sizes]).tolist(), strict=False))
     count = sum(sizes)
@@ -252,13 +273,14 @@ def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> L
     for name, size in zip(free, sizes, strict=True):
         own = slice(starts[name], starts[name] + size)
         low[own], high[own] = _natural(robot, name, size)
-        if name in given.inputs:
-            for end in given.inputs[name]:
-                if end.ndim and len(end) != size:
-                    refuse(f"Limits.{name}", end.tolist(), f"must be a number or {size} of them")
-            low[own], high[own] = np.maximum(low[own], given.inputs[name][0]), np.minimum(high[own], given.inputs[name][1])
-    labels = freed_labels(free, sizes)
-    kept = np.isfinite(low) | np.isfinite(high)
+        for part, pair in _by_part(given.inputs.get(name, {})):
+            place = _place(robot, free, name, part, own)
+            for end in pair:
+                if end.ndim and len(end) != place.stop - place.start:
+                    refuse(f"Limits.{name}", end.tolist(), f"must be a number or {place.stop - place.start} of them")
+            low[place], high[place] = np.maximum(low[place], pair[0]), np.minimum(high[place], pair[1])
+    labels, own_columns = every_label(free, sizes), columns(free, sizes)
+    kept = (np.isfinite(low) | np.isfinite(high)) & np.isin(np.arange(count), own_columns)
     rows = [np.eye(count)[kept]]
     lows, highs = [low[kept]], [high[kept]]
     names = [label for label, own in zip(labels, kept, strict=True) if own]
@@ -270,10 +292,20 @@ def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> L
             names.append(name)
     elif given.gap is not None:
         refuse("Limits.gap", given.gap, "must not be given: translation is not free")
-    result = LimitRows(np.concatenate(rows), np.concatenate(lows), np.concatenate(highs), tuple(names))
+    matrix = np.concatenate(rows)[:, own_columns]
+    result = LimitRows(matrix, np.concatenate(lows), np.concatenate(highs), tuple(names))
     for k in np.flatnonzero(result.low > result.high):
         refuse(f"Limits ({result.names[k]})", (float(result.low[k]), float(result.high[k])), "must leave something: low <= high")
     return result
+
+
+def _place(robot: Assembly, free: Sequence[str], name: str, part: str, own: slice) -> slice:
+    """Where among all numbers those of an input are that a limit is of: ``own``, or of it those of what is named."""
+    if not part:
+        return own
+    known = parts_of(robot, name)
+    named(f"Limits.{name}", part, known, getattr(free, "parts", {}).get(name))
+    return slice(own.start + known[part].start, own.start + known[part].stop)
 
 
 def _backbones(robot: Assembly) -> Iterator[tuple[int, Assembly]]:

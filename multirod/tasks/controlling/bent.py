@@ -80,6 +80,7 @@ class Bent:
         places = np.array([(own.low, own.high) for own in found])
         self._bending.integrate(places)
         u, columns = self._bending.at_places(self._task.free, row)
+        columns = self._task.chosen(columns)
         if self._task.problem.buffer("fault").any() or not np.isfinite(bent).all():
             return Bend(np.nan, np.full(n, np.nan), np.full(k, np.nan))
         size, stretch = np.maximum(np.sqrt((u * u).sum(axis=1)), 1e-300), most.high - most.low

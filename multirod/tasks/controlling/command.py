@@ -10,7 +10,7 @@ from multirod.inputs import Inputs
 from multirod.results.remarks import Remarks
 from multirod.results.solution import Solution
 from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, OFFSET, SINGULAR, TARGET
-from multirod.tasks.formulation import masked, with_values
+from multirod.tasks.freed import masked, with_values
 from multirod.tasks.limits import LimitRows, told
 from multirod.types import Numbers
 from multirod.validation import FloatArray, frozen

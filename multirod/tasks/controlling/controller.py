@@ -1,6 +1,6 @@
 """A robot's inputs along a moving target, one integration a sample. Numbers in parentheses: ``docs/tasks.md``."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import exp, hypot
 from threading import Lock
 from typing import Any, Generic
@@ -27,7 +27,8 @@ from multirod.tasks.controlling.command import Command
 from multirod.tasks.controlling.control import ControlStep
 from multirod.tasks.controlling.control_kernels import SINGULAR, make_control
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
-from multirod.tasks.formulation import Task, freed, input_units, with_values
+from multirod.tasks.formulation import Task, input_units
+from multirod.tasks.freed import chosen, values_of, with_values
 from multirod.tasks.given import TURNED, plain, turned
 from multirod.tasks.limits import ROUNDING_BEYOND, Limits, limit_rows, nearest, refuse_start
 from multirod.tasks.rows import PARTS, Kind, Pose
@@ -55,7 +56,7 @@ class Controller(Uncopied, Generic[Robot_co]):
     Args:
         robot: The assembly; without leading axes.
         dt: Time between samples [s].
-        free: Names of the inputs that it chooses.
+        free: Names of the inputs that it chooses; of a ``Network`` also of what, as of ``reach``.
         inputs: Where it begins, and all that is not free. Without ``guess`` too: all by default, or as near to that as the limits
             allow.
         limits: Kept at every sample: of the freed inputs, and of the shape. These cost a look at each command, an integration or
@@ -79,7 +80,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         robot: Robot_co,
         *,
         dt: float,
-        free: Sequence[str],
+        free: str | Sequence[str] | Mapping[str, Sequence[str] | None],
         inputs: Inputs | None = None,
         limits: Limits | None = None,
         correction_time: float | None = None,
@@ -89,7 +90,7 @@ class Controller(Uncopied, Generic[Robot_co]):
     ) -> None:
         self.dt = positive_float("Controller.dt", dt)
         plausibility.of_dt("Controller.dt", self.dt, "a controller")
-        self.free = freed("Controller.free", as_robot(robot), free)
+        self.free = chosen("Controller.free", as_robot(robot), free)
         lag = LAG * self.dt if correction_time is None else positive_float("Controller.correction_time", correction_time)
         if limits is not None:
             instance("Controller.limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
@@ -158,7 +159,7 @@ class Controller(Uncopied, Generic[Robot_co]):
 
     def _within(self, given: Inputs) -> Inputs:
         """The inputs by default, those that are free as near to that as limits allow."""
-        p = np.concatenate([given.array(name) for name in self.free])
+        p = values_of(given, self.free)
         if not (self._rows.outside(p[None], self._unit) > ROUNDING_BEYOND).any():
             return given
         return with_values(given, self.free, nearest(self._rows, p, self._unit))

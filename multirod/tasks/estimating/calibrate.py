@@ -22,7 +22,7 @@ from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
 from multirod.tasks.estimating.priors import Prior
-from multirod.tasks.formulation import places_of
+from multirod.tasks.freed import places_of
 from multirod.tasks.limits import freed_labels
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing

@@ -25,7 +25,7 @@ from multirod.tasks.estimating.bounded import Bounds
 from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square, principal
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.estimating.priors import Prior
-from multirod.tasks.formulation import freed, places_of, with_values
+from multirod.tasks.freed import freed, places_of, with_values
 from multirod.tasks.limits import freed_labels, known_rows
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing

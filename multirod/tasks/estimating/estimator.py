@@ -22,7 +22,8 @@ from multirod.tasks.estimating.estimate import Estimate, at_means, remarked
 from multirod.tasks.estimating.filtering import FIRST, FilterSolver
 from multirod.tasks.estimating.iteration import Known, block_diagonal
 from multirod.tasks.estimating.priors import Prior, Walk
-from multirod.tasks.formulation import freed, options, places_of
+from multirod.tasks.formulation import options
+from multirod.tasks.freed import freed, places_of
 from multirod.tasks.limits import known_rows
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Live, Sensor, batch_of, checked

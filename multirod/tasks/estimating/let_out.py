@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from multirod.running.simulation import solve
 from multirod.status import Status
 from multirod.tasks.estimating.inference import deviations
-from multirod.tasks.formulation import with_values
+from multirod.tasks.freed import with_values
 
 if TYPE_CHECKING:
     from multirod.tasks.estimating.iteration import Part

@@ -1,6 +1,6 @@
 """A robot's inputs for a pose of its end effector. Numbers in parentheses: ``docs/tasks.md``."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from threading import Event
@@ -19,7 +19,8 @@ from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
-from multirod.tasks.formulation import Task, freed, with_values
+from multirod.tasks.formulation import Task
+from multirod.tasks.freed import chosen, columns, values_of, with_values
 from multirod.tasks.limits import Limits, asked_before, known_rows, middle, refuse_start
 from multirod.tasks.reaching.drive import expect_search
 from multirod.tasks.reaching.goals import Prefer
@@ -48,7 +49,7 @@ def reach(
     target: Pose,
     inputs: Inputs | None = None,
     *,
-    free: Sequence[str],
+    free: str | Sequence[str] | Mapping[str, Sequence[str] | None],
     limits: Limits | None = None,
     prefer: Prefer = "smallest motion",
     starts: int = 0,
@@ -69,7 +70,9 @@ def reach(
         robot: The assembly.
         target: Where its end effector is to be: 3, 5 or 6 rows.
         inputs: Where the search begins, and all that is not free; those of ``guess`` by default.
-        free: Names of the inputs to be chosen, such as ``("rotation", "translation")``.
+        free: Names of the inputs to be chosen, such as ``("rotation", "translation")``; of a ``Network`` also of what,
+            ``{"translation": ["leg 0", "leg 1"], "angle": None}``, where None is all. All of ``rotation`` and ``translation`` is
+            what motors do: of a network that says which rods are ``driven``, such as a ``multibackbone``, theirs.
         limits: Kept at every step; what the robot cannot do is a limit without them.
         prefer: What is done with freedom that the target leaves: the ``"smallest motion"`` from the start, the
             ``"smallest tension"`` of lines, by their squares, the ``"middle"`` of the limits, or the largest ``"stability"``
@@ -108,25 +111,25 @@ def reach(
     if limits is not None:
         instance("limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
     known = asked_before(robot, limits, free)
-    free = freed("free", robot, free) if known is None else tuple(free)
+    names = chosen("free", robot, free) if known is None else free if isinstance(free, tuple) else tuple(free)
     given = robot.accept(guess._applied if inputs is None and guess is not None else inputs)
     if given.profiles:
-        for name in free:
+        for name in names:
             if name in given.profiles:
-                refuse("free", free, f"{name} is a function of the arclength: it cannot be chosen")
+                refuse("free", names, f"{name} is a function of the arclength: it cannot be chosen")
     choice("prefer", prefer, PREFERENCES)
     positive_int("starts", starts, 0)
     try:
         shape = broadcast_shapes(given.batch_shape, robot.batch_shape, target.batch_shape)
     except ValueError:
         refuse("target", Described(f"leading axes {target.batch_shape}"), f"must broadcast with the inputs' {given.batch_shape}")
-    rows, unit, problem_options = known_rows(robot, limits, free) if known is None else known
-    whole = shape == given.batch_shape and given.has(free)
-    begin = _begin(given, free, shape, whole)
-    refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, free)
+    rows, unit, problem_options = known_rows(robot, limits, names) if known is None else known
+    whole = shape == given.batch_shape and given.has(names)
+    begin = _begin(given, names, shape, whole)
+    refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, names)
     centre = middle(rows) if prefer == "middle" else None
     if prefer == "smallest tension":
-        centre = _slack(robot, free, begin.reshape(-1, begin.shape[-1]))
+        centre = _slack(robot, names, begin.reshape(-1, begin.shape[-1]))
     if centre is not None and np.isnan(centre).any():
         refuse("prefer", prefer, "needs limits on both sides of every freed input, which have a middle")
     first = solve(robot, given, solver=method, threads=threads, device=device, progress=False) if guess is None else guess
@@ -134,8 +137,8 @@ def reach(
     work = Work(
         robot=robot,
         target=target,
-        inputs=given if whole else with_values(given, free, begin),
-        free=free,
+        inputs=given if whole else with_values(given, names, begin),
+        free=names,
         limits=rows,
         of_shape=limits if limits is not None and limits.of_shape else None,
         unit=unit,
@@ -164,6 +167,7 @@ def _slack(robot: Assembly, free: tuple[str, ...], begin: FloatArray) -> FloatAr
         refuse("prefer", "smallest tension", "needs tension to be free")
     sizes = {spec.name: spec.size(robot.rod_count) for spec in robot.input_specs}
     others = np.concatenate([np.full(sizes[name], name != "tension") for name in free])
+    others = others[columns(free, [sizes[name] for name in free])]
     if np.ptp(begin[:, others], axis=0).any():
         refuse("prefer", "smallest tension", "needs what else is free to begin at one place for all targets")
     return np.where(others, begin[0] if len(begin) else 0.0, 0.0)
@@ -173,8 +177,8 @@ def _begin(given: Inputs, free: tuple[str, ...], shape: tuple[int, ...], whole: 
     """The freed numbers of inputs with these leading axes, one input after another, shape (..., k); ``whole`` whether all were
     given so."""
     if whole and not shape:
-        return np.concatenate([given.array(name) for name in free])
-    return np.concatenate([_with_axes(getattr(given, name), shape) for name in free], axis=-1)
+        return values_of(given, free)
+    return _with_axes(values_of(given, free), shape)
 
 
 def _with_axes(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:

@@ -15,7 +15,7 @@ from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.solver import Outcome
-from multirod.tasks.formulation import masked, with_values
+from multirod.tasks.freed import masked, values_of, with_values
 from multirod.tasks.limits import LimitRows, told
 from multirod.tasks.rows import Pose
 from multirod.types import Index
@@ -183,7 +183,7 @@ class Reached(Solution[Robot_co]):
     @property
     def _values(self) -> FloatArray:
         """The freed numbers, shape (..., k)."""
-        return np.concatenate([getattr(self._applied, name) for name in self.free], axis=-1)
+        return values_of(self._applied, self.free)
 
     @property
     def held_by(self) -> tuple[str, ...] | NDArray[np.object_]:

@@ -13,6 +13,7 @@ from multirod.running.simulation import solve
 from multirod.solver import Solver
 from multirod.tasks.controlling.command import Command
 from multirod.tasks.controlling.controller import Controller
+from multirod.tasks.freed import values_of
 from multirod.tasks.limits import Limits
 from multirod.tasks.rows import PoseRows
 from multirod.validation import FloatArray
@@ -86,7 +87,7 @@ def slid(
                 break
     if last is None:
         return None, spent
-    return Slid(last.unknowns, np.concatenate([getattr(last.inputs, name) for name in free]), last.at_limit, last.held_by), spent
+    return Slid(last.unknowns, values_of(last.inputs, free), last.at_limit, last.held_by), spent
 
 
 def _loop(

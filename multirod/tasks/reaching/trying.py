@@ -15,7 +15,8 @@ from multirod.running.simulation import solve
 from multirod.solver import Solver
 from multirod.status import Status, failures
 from multirod.tasks.controlling.shape_limits import INSET
-from multirod.tasks.formulation import Task, with_values
+from multirod.tasks.formulation import Task
+from multirod.tasks.freed import whole, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
 from multirod.tasks.reaching.goals import Goals, Place, Prefer
 from multirod.tasks.reaching.nearing import neared
@@ -201,7 +202,7 @@ def _from_elsewhere(work: Work, search: Search, piece: slice, sound: NDArray[np.
 
 def _pool(work: Work, search: Search, piece: slice) -> _Pool:
     """Scattered starts; one pool for all instances that differ in nothing but their targets."""
-    others = [name for name in work.inputs.arrays if name not in work.free]
+    others = [name for name in work.inputs.arrays if name not in whole(work.free)]
     alike = not work.robot.batch_shape and all(work.inputs.array(name).ndim == 1 for name in others)
     origin = search.origin
     if not alike or np.ptp(origin, axis=0).any():
@@ -234,7 +235,7 @@ def _scattered(work: Work, search: Search, origin: FloatArray, numbers: IntArray
     values = (begin + inwards * (drawn - begin)).reshape(count, starts, k)
     arrays = {}
     for name, given in work.inputs.arrays.items():
-        if name not in work.free:
+        if name not in whole(work.free):
             other = take(given, work.batch_shape, numbers, tail=1)
             arrays[name] = np.repeat(other[:, None], starts, axis=1)
     robot, sides = work.robot, with_values(work.inputs.with_arrays(arrays), work.free, values)
