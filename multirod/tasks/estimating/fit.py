@@ -1,6 +1,7 @@
 """Gauss-Newton steps in parameters that shapes share, and in loads of each. Numbers in parentheses: ``docs/estimation.md``."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import prod
 from typing import Any
 
@@ -22,6 +23,30 @@ from multirod.tasks.formulation import Evaluation
 from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.sensors import Measured
 from multirod.validation import FloatArray
+
+
+ASTRAY = 2  # halvings of a step from what is no equilibrium
+
+
+@dataclass(frozen=True)
+class Place:
+    """What one integration of each shape says at unknowns ``x`` (b, n) and numbers ``p`` (k,).
+
+    Attributes:
+        square: (1), what is left of ``eps`` taken out to first order.
+        gap: The largest ``eps`` over its tolerance: at most 1 at an equilibrium.
+        planned: The next step.
+        towards: ``a`` of (2), to the equilibrium of these numbers, shape (b, n).
+        change: To that of the next ones.
+    """
+
+    x: FloatArray
+    p: FloatArray
+    square: float
+    gap: float
+    planned: Posterior
+    towards: FloatArray
+    change: FloatArray
 
 
 class Shapes(AlongTask):
@@ -64,34 +89,45 @@ class Fit:
         self.p = loads.of(begin.inputs)
         self.missing = measured.missing.reshape((*begin.batch_shape, -1))
         self.integrations, self.iterations = int(begin.integrations.max(initial=0)), 0
-        self.status, self.degrees = Status.NOT_RUN, 0
-        self.square, self.gap = np.inf, np.inf  # squares, and the largest residual over its tolerance, where the last step led
+        self.status, self.square, self.degrees = Status.NOT_RUN, np.inf, 0
         self.covariance = np.full((len(self.p), len(self.p)), np.nan)
         self.prior = loads.prior(numbers.prior)[None]
         self.root = roots(self.prior)
 
     def run(self, most: int) -> None:
         """Go on until a step tells nothing."""
-        x, p, part = self.x, self.p, 1.0
+        x, p = self.x, self.p
         if self.loads.names:  # whose terms the start may have gone without
             x = self._problem(self.robot, p).adopt(x)
-        towards, step = np.zeros(x.shape), np.zeros(len(p))
-        for _ in range(most + 1):
-            tried = self._at(x + part * towards, p + part * step)
-            if tried is None:
-                part /= 2
-                if part < 0.5**HALVINGS:
-                    self.status = Status.STALLED
-                    return
-                continue
-            x, p, part = x + part * towards, p + part * step, min(1.0, 2 * part)
-            planned, towards, settled = tried
-            step = planned.step[0]
-            self.p, self.x, self.covariance = p, x, planned.covariance[0]
-            if settled:
+        here = self._at(x, p)
+        assert here is not None  # it is the robot as it is
+        base, part, base_part, returned = here, 1.0, 1.0, 0
+        while self.iterations <= most:
+            self.x, self.p, self.square, self.covariance = here.x, here.p, here.square, here.planned.covariance[0]
+            if here.gap <= 1:
+                base, base_part, returned = here, part, 0
+            if here.gap <= 1 and here.planned.length[0] <= SETTLED:
                 self._finish()
                 return
-            self.iterations += 1
+            there = self._closer(here, part)
+            if there is not None:
+                here, part = there, min(1.0, 2 * part)
+                self.iterations += 1
+                continue
+            part /= 2
+            if part >= (0.5**HALVINGS if here.gap <= 1 else 0.5**ASTRAY):
+                continue
+            # where it began at no equilibrium, that is sought, the numbers as they are
+            at_rest = self._at_rest(here) if here.gap > 1 else None
+            if at_rest is not None and (here is base or at_rest.square < base.square):
+                here, part = at_rest, 1.0
+                continue
+            returned += 2
+            if here is base or returned > HALVINGS:
+                self.status = Status.STALLED
+                return
+            base_part /= 4
+            here, part = base, base_part
         self.status = Status.MAX_ITERATIONS
 
     @property
@@ -103,9 +139,8 @@ class Fit:
         inputs = self.loads.inputs(self.inputs, p)
         return robot.problem(inputs, integrator=self.solver.integrator, device=self.device, **options)
 
-    def _at(self, x: FloatArray, p: FloatArray) -> tuple[Posterior, FloatArray, bool] | None:
-        """The step planned at some unknowns and numbers, and where it leads the unknowns; None where they are no better than the
-        last."""
+    def _at(self, x: FloatArray, p: FloatArray) -> Place | None:
+        """What one integration of each shape says; None where there is no such robot, or it leads nowhere."""
         shared, away = p[: self.loads.shared], p - self.begin
         try:
             robot = self.numbers.robot(shared)
@@ -116,21 +151,37 @@ class Fit:
         self.integrations += 1
         found = found.by(self.loads.columns(self.numbers.columns(robot, shared)))
         r, J = self.measured.at(found, slice(None))
+        if not np.isfinite(J).all():
+            return None
+        square = float((r**2).sum() + ((self.root[0] @ away) ** 2).sum())
         given = getattr(self.solver, "tolerance", None)
         tolerance = np.maximum(problem.tolerance(given), TOLERANCE * problem.curvature_scale() if given is None else 0.0)
         gap = float((np.abs(found.residual).max(axis=1) / tolerance).max())
-        with np.errstate(invalid="ignore"):
-            square = float((r**2).sum() + ((self.root[0] @ away) ** 2).sum())
-        closer = square <= self.square * (1 + SLACK) + SETTLED**2
-        closer |= gap <= RESTORED * self.gap and self.gap > 1  # what was less there was that of no equilibrium
-        if not (closer and np.isfinite(J).all()):
-            return None
-        self.square, self.gap = square, gap
         stacked, whole = self.loads.wide(J), r.reshape(1, -1)
         planned = posterior(stacked, whole, self.root, away[None], units(stacked, self.prior))
         towards, by = found.eliminated
-        towards = towards + (by @ self.loads.each(planned.step[0])[..., None])[..., 0]
-        return planned, towards, gap <= 1 and bool(planned.length[0] <= SETTLED)
+        change = (by @ self.loads.each(planned.step[0])[..., None])[..., 0]
+        return Place(x, p, square, gap, planned, towards, towards + change)
+
+    def _closer(self, here: Place, part: float) -> Place | None:
+        """A part of the step, where squares are no more, or it is much nearer to an equilibrium."""
+        there = self._at(here.x + part * here.change, here.p + part * here.planned.step[0])
+        if there is None:
+            return None
+        closer = there.square <= here.square * (1 + SLACK) + SETTLED**2
+        closer |= there.gap <= RESTORED * here.gap and here.gap > 1  # what was less there was that of no equilibrium
+        return there if closer else None
+
+    def _at_rest(self, here: Place) -> Place | None:
+        """The equilibrium of the same numbers; None where Newton's method, its steps halved, does not lead to it."""
+        along = 1.0
+        while here.gap > 1 and along >= 0.5**HALVINGS:
+            there = self._at(here.x + along * here.towards, here.p)
+            if there is None or not there.gap < here.gap:
+                along /= 2
+            else:
+                here, along = there, min(1.0, 2 * along)
+        return here if here.gap <= 1 else None
 
     def _finish(self) -> None:
         """The fitted robot and its equilibria, if these are what it would stay in."""
