@@ -51,6 +51,31 @@ def test_one_picture_after_a_long_time_is_not_gone_on_from_for_as_long(start):
     np.testing.assert_array_equal(found[84:], np.broadcast_to(found[84], found[84:].shape))
 
 
+@pytest.mark.parametrize("seed", [3, 8])
+def test_drives_come_to_rest_where_a_target_that_is_out_of_reach_does(start, seed):
+    """(16b): they swung to and fro by 0.3 units at each sample, for ever, and what was told of the error was off by 0.9 mm."""
+    random = np.random.default_rng(seed)
+    way = random.normal(size=3)
+    goal = start.tip_position + 0.08 * way / np.linalg.norm(way)
+    first, axis = start.tip_rotation[:, 2], start.tip_rotation[:, 2] + 0.3 * random.normal(size=3)
+    inputs = start.inputs
+    limits = mr.Limits(
+        rotation=(inputs.rotation - 0.4, inputs.rotation + 0.4),
+        translation=(inputs.translation - 0.01, inputs.translation + 0.01),
+    )
+    loop = mr.Controller(TUBES, dt=0.005, free=("rotation", "translation"), limits=limits, guess=start, integrator=STEPS)
+    commands = []
+    for part in np.minimum(np.arange(200) / 50, 1):
+        commands.append(
+            loop.step(position=start.tip_position + part * (goal - start.tip_position), axis=first + part * (axis - first))
+        )
+    assert {command.status for command in commands[60:]} == {mr.Status.AT_LIMIT}
+    turns = np.array([command.inputs.rotation for command in commands[-20:]])
+    assert np.abs(np.diff(turns, axis=0)).max() < 1e-3
+    there = mr.solve(TUBES, commands[-1].inputs, solver=mr.Shooting(integrator=STEPS), guess=commands[-1])
+    assert np.linalg.norm(there.tip_position - goal) == pytest.approx(commands[-1].target_error, abs=1e-6)
+
+
 def test_six_legs_reach_a_target_that_jumps_aside():
     """One step as long as those of a loop left them unstable, and so did each sample that followed, from the same place."""
     angles = np.radians([[-15, 15, 105, 135, 225, 255], [-45, 45, 75, 165, 195, 285]])

@@ -1,6 +1,8 @@
 """The compiled sample of a controller: its arrays, made once, and its launches."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ from multirod.launch import record
 from multirod.rotations import matrices
 from multirod.tasks.condensed import condensed
 from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, make_control
-from multirod.tasks.controlling.control_step_kernels import LONGEST, Control
+from multirod.tasks.controlling.control_step_kernels import LONGEST, ON_TARGET, Control
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
@@ -23,6 +25,29 @@ from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
 SHORTEST = 1e-4  # step of a sample, in units (9), after many that failed
+ASTRAY = 0.25  # part of what a step was to gain: where more is missing, shorter ones follow
+SURE = 0.05  # the same: where no more is, longer ones
+WORTH = 0.01  # of what is left, that a step as long as any is to gain if longer ones are to follow
+RESTED = 3  # samples for the same target, the first of which go on to where it was expected, (16)
+
+
+@dataclass
+class Foreseen:
+    """What a sample says of the next one.
+
+    Attributes:
+        target: What is asked for and measured, and the offset that follows from it.
+        off: Size of the rows before its step, squared.
+        told: Of it, as ``control_kernels`` says where.
+        begun: The same of the sample before, where that was for the same.
+        rested: Samples before it that were.
+    """
+
+    target: tuple[bytes, ...]
+    off: float
+    told: FloatArray
+    begun: FloatArray
+    rested: int
 
 
 class ControlStep:
@@ -88,6 +113,10 @@ class ControlStep:
         self._longest = Shared((1,), wp.float64, device)
         self._longest.write(LONGEST)
         self._careful = self._by_shape = LONGEST  # that what failed leaves, and limits of the shape
+        self._foreseen: Foreseen | None = None
+        self._trust = LONGEST  # (16b), for the present target
+        self._offset: FloatArray = self._kept["offset"].numpy()
+        self._off: dict[Kind, FloatArray] = {}  # rows of each launch, where arrays are shared
         self._put_limits(slice(c), rows.matrix, *rows.inset(self._unit))
         self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
         self._launches: dict[Kind, Callable[[], None]] = {}
@@ -145,12 +174,37 @@ class ControlStep:
         told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
         told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
 
-    def mind(self, failed: bool) -> None:
-        """Take shorter steps after a sample that failed: what starts from the same place would fail again; longer ones after
-        others, up to those that are usual."""
-        if failed or self._careful < LONGEST:
-            self._careful = max(0.5 * self._careful, SHORTEST) if failed else min(1.5 * self._careful, LONGEST)
+    def mind(self, failed: bool, told: FloatArray) -> None:
+        """Take shorter steps after a sample that failed: what starts from the same place would fail again; or whose step came to
+        less than foreseen, (16b). Longer ones after others, up to those that are usual."""
+        most = 0.5 * self._careful if failed else min(1.5 * self._careful, self._trusted(told), LONGEST)
+        self._foreseen = None if failed else self._foreseen
+        if most != self._careful:
+            self._careful = max(most, SHORTEST)
             self._longest.write(min(self._careful, self._by_shape))
+
+    def _trusted(self, told: FloatArray) -> float:
+        """(16b) How long a step may be by what the one before came to, in units (9)."""
+        if not self._shared:
+            return LONGEST
+        before, rows = self._foreseen, self._off[self._kind]
+        target = (*(own.tobytes() for own in self.given.values()), self._offset.tobytes())
+        if before is None or before.target != target:
+            self._foreseen, self._trust = Foreseen(target, float(rows @ rows), told, told, 0), LONGEST
+            return LONGEST
+        self._foreseen = Foreseen(target, float(rows @ rows), told, before.told, before.rested + 1)
+        if before.rested + 1 < RESTED:
+            return self._trust
+        off, left = sqrt(self._foreseen.off), float(np.linalg.norm(np.nan_to_num(before.told[[ERROR, ANGLE]]) * self._weight))
+        step = float(np.abs((before.told - before.begun)[FREE : FREE + self._count] / self._unit).max())
+        missing, gain = off - left, sqrt(before.off) - left
+        if off <= ON_TARGET * self._weight[1] or step < 0.5 * SHORTEST:  # as of a command that is given again
+            return self._trust
+        if missing > ASTRAY * gain:
+            self._trust = max(0.5 * step, SHORTEST)
+        elif missing <= SURE * gain and gain * LONGEST > WORTH * off * step:
+            self._trust = min(1.5 * self._trust, LONGEST)
+        return self._trust
 
     def limit_shape(self, matrix: FloatArray, high: FloatArray, longest: float) -> None:
         """``matrix p <= high`` from now on, shapes (shaped, k) and (shaped,), and steps of ``longest`` in units (9) at most."""
@@ -224,6 +278,8 @@ class ControlStep:
         state.task, state.step, state.records = self._task, self._programme(m), self._problem.records
         for name in ("rows", "ahead"):
             setattr(state, name, self._zeros(m))
+        if self._shared:
+            self._off[kind] = state.rows.numpy()[0]
         state.unit = wp.array(np.ascontiguousarray(self._unit), dtype=wp.float64, device=self._problem.device)
         for name in ("limits", "low", "high"):
             setattr(state, name, self._limits[name].array)

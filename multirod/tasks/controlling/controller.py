@@ -308,7 +308,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             if self._shape is not None and not Status(status).failed:
                 status = self._in_shape(self._shape, record, told, status)
                 spent = frozen(spent + np.int32(self._shape.integrations))
-            self._step.mind(Status(status).failed)
+            self._step.mind(Status(status).failed, told)
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
         vars(result).update(
             missing=-1 in seen,
