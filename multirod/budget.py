@@ -1,5 +1,7 @@
 """How many integrations a study may take over all of its stages."""
 
+SEARCHED = 50_000  # by default: more than one solve, as a study goes along whole branches, or many
+
 
 class Spent(RuntimeError):
     """Raised where an integration would be one more than a study may take."""

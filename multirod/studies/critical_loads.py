@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from multirod.assembly import Assembly
-from multirod.budget import Budget, Spent
+from multirod.budget import SEARCHED, Budget, Spent
 from multirod.inputs import Inputs
 from multirod.integrators import RK45
 from multirod.naming import names_checked
@@ -128,9 +128,10 @@ def critical_loads(
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
-        solver: ``Shooting(tolerance=4e-11 / L, integrator=RK45(steps=150))`` by default, ``L`` the length of the longest rod: of
-            it the tolerance and the integrator are used, the latter in double precision; to find the equilibrium at ``start``,
-            all of it; and its ``max_integrations`` for all that is done until the last of them is found.
+        solver: ``Shooting(tolerance=4e-11 / L, integrator=RK45(steps=150), max_integrations=50_000)`` by default, ``L`` the
+            length of the longest rod: of it the tolerance and the integrator are used, the latter in double precision; to find
+            the equilibrium at ``start``, all of it; and its ``max_integrations`` for all that is done until the last of them is
+            found.
         device: Warp device.
 
     Returns:
@@ -147,7 +148,8 @@ def critical_loads(
     """
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
-    method = Shooting(tolerance=PRECISE / robot.longest, integrator=RK45(steps=STEPS)) if solver is None else solver
+    usual = Shooting(tolerance=PRECISE / robot.longest, integrator=RK45(steps=STEPS), max_integrations=SEARCHED)
+    method = usual if solver is None else solver
     if not isinstance(method, Shooting):
         raise TypeError(f"solver: critical_loads() needs Shooting(), not {type(method).__name__}")
     method = method.in_double()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, Robot, Robot_co
-from multirod.budget import Budget, Spent
+from multirod.budget import SEARCHED, Budget, Spent
 from multirod.inputs import Inputs
 from multirod.naming import names_checked
 from multirod.problem import BoundaryProblem
@@ -100,8 +100,9 @@ def equilibria(
         robot: The assembly.
         inputs: Made by ``robot.inputs(...)``, without leading axes; none are all zero.
         starts: Starts at most.
-        solver: ``Shooting()`` by default, of which the tolerance, the iteration limit and the integrator, in double precision,
-            are used, and its ``max_integrations`` for all of the search: one from each start is counted by itself.
+        solver: ``Shooting(max_integrations=50_000)`` by default, of which the tolerance, the iteration limit and the integrator,
+            in double precision, are used, and its ``max_integrations`` for all of the search: one from each start is counted by
+            itself.
         device: Warp device.
 
     Returns:
@@ -119,7 +120,7 @@ def equilibria(
     """
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
-    method = Shooting() if solver is None else solver
+    method = Shooting(max_integrations=SEARCHED) if solver is None else solver
     if not isinstance(method, Shooting):
         raise TypeError(f"solver: equilibria() needs Shooting(), not {type(method).__name__}")
     method = method.in_double()
