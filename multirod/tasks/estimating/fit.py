@@ -53,7 +53,7 @@ class Shapes(AlongTask):
     """All shapes of one robot; what is freed are columns by its parameters."""
 
     def __init__(self, problem: BoundaryProblem, names: Sequence[str], places: Places) -> None:
-        self.problem, self.free = problem, tuple(names)
+        self.problem, self.free, self._columns = problem, tuple(names), None  # parameters have no places among inputs
         self._sense(places)
 
     def evaluate(self, unknowns: FloatArray, *_: object) -> Evaluation:
