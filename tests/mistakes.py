@@ -335,6 +335,13 @@ GROUPS: dict[str, list[Mistake]] = {
         Mistake(
             "area of a chamber in mm^2", "wire(lines=[mr.Chamber((0.01, 0), area=100)])", WARNING, "mm^2, give 0.0001", "m^2"
         ),
+        Mistake(
+            "a soft rod with a chamber that cannot become longer",
+            "wire(length=0.1, diameter=0.02, young_modulus=1e6, lines=[mr.Chamber((0.006, 0), area=2e-5)])",
+            WARNING,
+            "give extensible=True",
+            "extensible=True",
+        ),
     ],
     "Robots": [
         Mistake(
@@ -371,6 +378,20 @@ GROUPS: dict[str, list[Mistake]] = {
         ),
         Mistake(
             "offsets of tubes in mm", "mr.EccentricTubes([inner, tube()], [(2, 0), (-2, 0)])", WARNING, "give 0.002", "metres"
+        ),
+        Mistake(
+            "offsets of a multibackbone in mm",
+            "mr.multibackbone(wire(), [wire()] * 2, offsets=[(3, 0), (-3, 0)], discs=2)",
+            WARNING,
+            "multibackbone.offsets of 3 m are more than half of the length, 0.4 m; if they are in mm, give 0.003",
+            "metres",
+        ),
+        Mistake(
+            "a tendon outside of its tube",
+            "mr.ConcentricTubes([tube(lines=[mr.Tendon((0.01, 0))]), outer])",
+            WARNING,
+            "beyond the inside of the tube around it, of radius 0.002 m",
+            "within the tube around it",
         ),
         Mistake(
             "a rotation for a pose",

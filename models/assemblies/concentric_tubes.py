@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod import plausibility
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.inputs import ConcentricTubesInput, ConcentricTubesInputs, listed
 from multirod.models.backbone.assembly import BackboneAssembly
@@ -56,6 +57,7 @@ class ConcentricTubes(BackboneAssembly):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
             if tube.members:
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no members: how tubes share them is not modelled")
+        plausibility.of_nested_lines(tubes)
         super().__init__(tuple(tubes), base)
         self._pulled = [min((line.reach_straight for line in tube.lines), default=inf) for tube in tubes]
         self._shortest = [float(np.min(tube.length)) for tube in tubes]

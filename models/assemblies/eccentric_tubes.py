@@ -59,7 +59,7 @@ class EccentricTubes(BackboneAssembly):
         if self.offsets.shape != (len(tubes), 2):
             refuse("EccentricTubes.offsets", f"shape {self.offsets.shape}", f"must be ({len(tubes)}, 2)")
         super().__init__(tuple(tubes), base)
-        plausibility.of_offsets(self.offsets, self.rods)
+        plausibility.of_offsets("EccentricTubes.offsets", self.offsets, self.rods)
 
     @property
     def tubes(self) -> tuple[Rod, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from multirod import plausibility
 from multirod.models.assemblies.network import Network
 from multirod.models.network.joining.bodies import Body, Ground, ground, standing
 from multirod.models.network.joining.joints import HOLES, Joint
@@ -65,6 +66,7 @@ def multibackbone(
     if not uniform(backbone) or backbone.carried:
         refuse("multibackbone.backbone", backbone, "must be the same all along, of one section, without members or lines")
     at = _offsets(offsets, len(rods))
+    plausibility.of_offsets("multibackbone.offsets", at[:, :2, 3], rods)
     kind = choice("multibackbone.hole", hole, HOLES)
     mass = nonnegative_float("multibackbone.disc_mass", disc_mass)
     plates = [Body(f"disc {k + 1}", mass=mass) for k in range(count)]

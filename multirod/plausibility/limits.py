@@ -78,6 +78,7 @@ MAGNETISED = 3e6  # A/m: no magnet has more than some 2e6
 ASIDE = 0.5  # of the length, that a line or tube lies beside its rod
 STRETCHED = 0.2  # of the length of a line at rest, that it is too short or too long
 COILED = 10.0  # turns of a line around its rod: a quarter of one in degrees is 14
+LENGTHENING = 1e7  # Pa: what is softer is lengthened by pressure that is worth having
 RUBBING = 2.0  # coefficient of friction
 LOAD = 2e4  # EI/L^2
 GRAVITY = 100.0  # m/s^2

@@ -1,6 +1,8 @@
 """Of robots and tasks: poses, bodies, legs, tubes, times."""
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -141,14 +143,30 @@ def of_idle_rotation(rotation: FloatArray, joint: str) -> None:
         say(f"rotation = {most:.6g} rad does nothing: the base turns back in its joint, HeldRod.base_joint = {joint!r}")
 
 
-def of_offsets(offsets: FloatArray, rods: "tuple[Rod, ...]") -> None:
-    """Warn of tubes that are far from the line that they run along."""
+def of_offsets(field: str, offsets: FloatArray, rods: "Sequence[Rod]") -> None:
+    """Warn of rods that are far from the line that they run along."""
     aside, length = largest(offsets), max(float(np.max(rod.length)) for rod in rods)
     if aside > ASIDE * length:
         say(
-            f"EccentricTubes.offsets of {aside:.6g} m are more than half of the length, {length:.6g} m; if they are in mm, give "
+            f"{field} of {aside:.6g} m are more than half of the length, {length:.6g} m; if they are in mm, give "
             f"{1e-3 * aside:.6g}"
         )
+
+
+def of_nested_lines(tubes: "Sequence[Rod]") -> None:
+    """Warn of lines of tubes that do not run within the tube around theirs."""
+    for k, (tube, around) in enumerate(pairwise(tubes)):
+        room = around.inner_diameter or tube.outer_diameter
+        for line in tube.lines if room is not None else ():
+            assert room is not None
+            aside = line.arm(tube.sections)
+            if aside > room / 2:
+                found = f"; if it is in mm, give {1e-3 * aside:.6g}" if 1e-3 * aside <= room / 2 else ""
+                say(
+                    f"ConcentricTubes.tubes[{k}]: a line of it is {aside:.6g} m aside of its centreline, beyond the inside of "
+                    f"the tube around it, of radius {room / 2:.6g} m{found}"
+                )
+                return
 
 
 def of_dt(field: str, dt: float, loop: str = "an observer") -> None:

@@ -13,6 +13,7 @@ from multirod.plausibility.limits import (
     DENSITY,
     HARDLY,
     LENGTH,
+    LENGTHENING,
     MAGNETISED,
     POISSON,
     RUBBING,
@@ -73,6 +74,8 @@ def of_rod(rod: "Rod", material: Material | None) -> None:
     _of_precurvature(rod, length)
     _of_mass(rod, material)
     _of_lines(rod, length)
+    if material is not None:
+        _of_chambers(rod, float(np.max(material.young)))
 
 
 def of_nothing(field: str, profile: Profile) -> None:
@@ -301,6 +304,19 @@ def _of_lines(rod: "Rod", length: float) -> None:
                 say(f"{field}.rest_length = {rest:.6g} m: in the rod at rest the line is {natural:.6g} m long{found}")
         if rubs > RUBBING:
             say(f"{field}.friction = {rubs:.6g} is a coefficient, seldom above 0.5; if it is in percent, give {rubs / 100:.6g}")
+
+
+def _of_chambers(rod: "Rod", young: float) -> None:
+    stretches = any(np.isfinite(section.axial_stiffness).any() for section in rod.sections)
+    if (
+        young < LENGTHENING
+        and not stretches
+        and any(line.drive is not None and line.drive[0] == "pressure" for line in rod.lines)
+    ):
+        say(
+            f"Rod.young_modulus = {young:.6g} Pa with a Chamber and without axial stiffness: pressure bends such a rod and "
+            "does not lengthen it, as it does soft ones; give extensible=True"
+        )
 
 
 def _turns(line: "Line") -> float:

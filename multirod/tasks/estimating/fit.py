@@ -24,7 +24,6 @@ from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.sensors import Measured
 from multirod.validation import FloatArray
 
-
 ASTRAY = 2  # halvings of a step from what is no equilibrium
 
 
