@@ -34,7 +34,8 @@ def test_the_documented_default_of_critical_loads_is_its_default() -> None:
     said = re.search(r"solver: ``(.*?)`` by default", mr.critical_loads.__doc__)[1]
     public = {name: getattr(mr, name) for name in mr.__all__} | {"L": 0.4}
     module = sys.modules["multirod.studies.critical_loads"]
-    default = mr.Shooting(tolerance=module.PRECISE / 0.4, integrator=mr.RK45(steps=module.STEPS))
+    integrator = mr.RK45(steps=module.STEPS)
+    default = mr.Shooting(tolerance=module.PRECISE / 0.4, integrator=integrator, max_integrations=module.SEARCHED)
     assert eval(said, public) == default
     assert eval(said, public).integrator == default.integrator
 
