@@ -213,6 +213,12 @@ def every_label(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
     return [f"{name}[{j}]" if size > 1 else name for name, size in zip(free, sizes, strict=True) for j in range(size)]
 
 
+def freed_labels(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
+    """The same of those that are free."""
+    every = every_label(free, sizes)
+    return [every[k] for k in columns(free, sizes)]
+
+
 def told(error: float, angle: float, held_by: Sequence[str]) -> dict[str, str]:
     """How near a single result came to its target, for people; what is NaN was not asked for."""
     parts = {
@@ -224,12 +230,6 @@ def told(error: float, angle: float, held_by: Sequence[str]) -> dict[str, str]:
 
 
 _KNOWN: dict[Any, tuple[Any, LimitRows, FloatArray, dict[str, Any]]] = {}
-
-
-def freed_labels(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
-    """The same of those that are free."""
-    every = every_label(free, sizes)
-    return [every[k] for k in columns(free, sizes)]
 
 
 def asked_before(robot: Assembly, limits: Limits | None, free: object) -> tuple[LimitRows, FloatArray, dict[str, Any]] | None:

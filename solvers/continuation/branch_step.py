@@ -167,8 +167,7 @@ class Inspection:
         """
         open_ = [_Part(_Sample(0.0, self._before), _Sample(self._length, self._after), None)]
         places: list[tuple[float, int]] = []
-        undecided: list[list[Point]] = []
-        stretches: list[tuple[float, float]] = []  # where these begin and end
+        stretches: list[list[_Sample]] = []  # that are undecided
         cuts = 0
         while open_:
             part = open_.pop()
@@ -183,16 +182,15 @@ class Inspection:
                 continue
             places += self._places(part)
             if not sure:
-                if undecided and undecided[-1][-1] is part.left.point:
-                    undecided[-1].append(part.right.point)
-                    stretches[-1] = (stretches[-1][0], part.right.distance)
+                if stretches and stretches[-1][-1] is part.left:
+                    stretches[-1].append(part.right)
                 else:
-                    undecided.append([part.left.point, part.right.point])
-                    stretches.append((part.left.distance, part.right.distance))
-        if self._neutral:
-            undecided = [[self._before, self._after]]
+                    stretches.append([part.left, part.right])
         changes = self._changes(_by_stretch(self._merged(places), stretches))
-        return Step(self._before, self._after, changes, tuple(map(tuple, undecided)))
+        undecided = tuple(tuple(sample.point for sample in stretch) for stretch in stretches)
+        if self._neutral:
+            undecided = ((self._before, self._after),)
+        return Step(self._before, self._after, changes, undecided)
 
     def _cut(self, part: _Part) -> tuple[_Sample, FloatArray]:
         """The middle of a part, and how far eigenvalues may be from their cubics on either side of it."""
@@ -301,11 +299,11 @@ class Inspection:
         return tuple(result)
 
 
-def _by_stretch(changes: list[tuple[float, int]], stretches: list[tuple[float, float]]) -> list[tuple[float, int]]:
+def _by_stretch(changes: list[tuple[float, int]], stretches: Sequence[Sequence[_Sample]]) -> list[tuple[float, int]]:
     """Changes to and fro on a stretch that is undecided, beyond which there are more unstable modes than before it, or fewer, as
     one, where the most change: of modes that vanish together signs are noise next to there."""
-    for begin, end in stretches:
-        own = [change for change in changes if begin <= change[0] <= end]
+    for first, *_, last in stretches:
+        own = [change for change in changes if first.distance <= change[0] <= last.distance]
         net = sum(difference for _, difference in own)
         if net and max(difference for _, difference in own) > 0 > min(difference for _, difference in own):
             place = max(own, key=lambda change: abs(change[1]))[0]
