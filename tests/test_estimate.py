@@ -344,3 +344,33 @@ def test_of_a_batch_what_is_measured_too_little_says_so(robot, trials):
     np.testing.assert_array_equal(lost.value("tip_force")[[0, 2]], whole.value("tip_force")[[0, 2]])
     known = mr.estimate(robot, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=mr.Pose(position=position, sigma=1e-4))
     assert (known.status == mr.Status.CONVERGED).all()
+
+
+def test_legs_between_plates_that_are_like_each_other_are_estimated_at_equilibria_alone():
+    """Of legs that are almost straight steps off equilibria go round in circles. What is found is the most probable nearby: the
+    squares of equilibria that are solved for anew, along each axis of the covariance, are more on both sides."""
+    wire = mr.Rod.wire(length=0.2, diameter=1.4e-3, young_modulus=60e9, shear_modulus=23e9)
+    places = np.tile(np.eye(4), (2, 6, 1, 1))
+    angles = np.radians([-10, 10, 110, 130, 230, 250])
+    places[:, :, 0, 3], places[:, :, 1, 3] = (np.outer((0.087, 0.06), of(angles)) for of in (np.cos, np.sin))
+    robot = mr.ParallelRods(legs=[wire] * 6, base=places[0], platform=places[1])
+    random, sigma = np.random.default_rng(0), np.array([1.0] * 3 + [3e-3] * 6)
+    drawn = sigma * random.normal(size=(8, 9))
+    truth = mr.solve(robot, robot.inputs(tip_force=drawn[:, :3], translation=drawn[:, 3:])).raise_if_failed()
+    seen = truth.tip_position + 5e-4 * random.normal(size=(8, 3))
+    frames = turned_by(5e-3 * random.normal(size=(8, 3))) @ truth.tip_rotation
+    priors = {"tip_force": mr.Prior(0, sigma=1.0), "translation": mr.Prior(0, sigma=3e-3)}
+    found = mr.estimate(robot, unknown=priors, measured=mr.Pose(position=seen, rotation=frames, sigma=(5e-4, 5e-3)))
+    good = np.flatnonzero(~found.failed)
+    assert len(good) >= 7  # 1 of the 8 by steps off equilibria alone
+    at = np.concatenate([found.value(name)[good] for name in priors], axis=1)
+    axes = 0.05 * np.linalg.cholesky(found.covariance()[good]).swapaxes(1, 2)
+    beside = at[:, None] + np.concatenate([axes, -axes, 0 * axes[:, :1]], axis=1)
+    guess = np.repeat(found.solution.unknowns[good, None], 19, axis=1)
+    there = mr.solve(robot, robot.inputs(tip_force=beside[..., :3], translation=beside[..., 3:]), guess=guess).raise_if_failed()
+    moved, turned = there.tip_position - seen[good, None], there.tip_rotation @ frames[good, None].swapaxes(-1, -2)
+    turns = (turned - turned.swapaxes(-1, -2))[..., [2, 0, 1], [1, 2, 0]] / 2  # of some mrad, so that sines are angles
+    squares = sum((part**2).sum(axis=-1) for part in (moved / 5e-4, turns / 5e-3, beside / sigma))
+    np.testing.assert_allclose(squares[:, -1], found.misfit[good], rtol=1e-4)
+    # the last step is less than a hundredth of a deviation: they are 0.05^2 - 2 * 0.05 * 0.01 more where nothing bends
+    assert (squares[:, :-1] - squares[:, -1:] > 0.0005).all()

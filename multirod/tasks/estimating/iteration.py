@@ -19,6 +19,7 @@ from multirod.tasks.estimating.inference import SETTLED, damping, deviations, po
 from multirod.tasks.estimating.kinked import Kinked
 from multirod.tasks.estimating.let_out import LetOut
 from multirod.tasks.estimating.priors import Prior
+from multirod.tasks.estimating.settling import Settling
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.limits import known_rows
 from multirod.tasks.measuring.along import Places
@@ -111,6 +112,8 @@ class Part:
         self.outcome.status[active] = Status.MAX_ITERATIONS
         if len(self.task.problem.kinks):
             Kinked(self).run(chosen)
+        else:
+            Settling(self).run(chosen)
 
     def _begin(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Anew at equilibria ``x`` of ``p``; which of all instances are not what is sought already."""
