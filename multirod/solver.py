@@ -14,7 +14,7 @@ from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.results.events import Events, placed_events, taken_events
 from multirod.segments import Breakpoints, placed, taken
-from multirod.status import Status, failures
+from multirod.status import BoolArray, Status, failures
 from multirod.validation import FloatArray, positive_float, refuse
 from multirod.warning import warn
 
@@ -95,6 +95,12 @@ class Outcome:
         arrays: dict[str, Any] = {name: value[instances] for name, value in self.arrays.items()}
         events = taken_events(self.events, instances)
         return Outcome(**arrays, breakpoints=taken(self.breakpoints, instances), events=events)
+
+    def end_with(self, again: "Outcome", some: BoolArray) -> None:
+        """Let some instances, bool (instance_count,), end as they did when they were run again; their counts add up."""
+        for name, values in self.arrays.items():
+            others = again.arrays[name]
+            values[some] = values[some] + others[some] if name in ("iterations", "integrations") else others[some]
 
     @classmethod
     def zeros(cls, count: int) -> "Outcome":

@@ -68,10 +68,8 @@ class Paths:
         state.points = wp.zeros((count, 3, n), dtype=wp.float64, device=device)
         state.levels = wp.zeros((count, 3), dtype=wp.float64, device=device)
         state.reference = wp.zeros(newton.state.gamma.shape, dtype=wp.float64, device=device)
-        state.expected = wp.zeros((count, n), dtype=wp.float64, device=device)
-        state.surprise = wp.zeros((count, n), dtype=wp.float64, device=device)
-        state.trial = wp.zeros((count, n), dtype=wp.float64, device=device)
-        state.middle = wp.zeros((count, n), dtype=wp.float64, device=device)
+        for name in ("expected", "surprise", "trial", "middle"):
+            setattr(state, name, wp.zeros((count, n), dtype=wp.float64, device=device))
         state.halfway = wp.zeros(newton.state.gamma.shape, dtype=wp.float64, device=device)
         state.max_steps = max_steps
         state.remaining = wp.zeros(1, dtype=wp.int32, device=device)
@@ -82,7 +80,6 @@ class Paths:
             names = (*COUNTS, "safe_step", "most_step", "sure_level", "load_factor", "levels", "step")
             self._in_place = {name: getattr(state, name).numpy() for name in names} | {"active": problem.active.numpy()}
         self._newton = newton
-        self._tolerance = newton.tolerance
         self.handed: BoolArray | None = None  # which crept and were given up; None where that is not asked for
         self._pace, self._brief = Pace(problem), np.zeros(count, dtype=bool)  # which may look by few steps of the integrator
         self._launch: Launch | None = None
@@ -165,25 +162,33 @@ class Paths:
         return self._led(go, chosen)
 
     def _led(self, go: Callable[[BoolArray], Outcome], chosen: BoolArray) -> Outcome:
-        """``go`` of the chosen; again, by equilibria alone, of those that what Newton's method had not finished misled."""
+        """``go`` of the chosen; again, by equilibria alone, of those that what Newton's method had not finished misled.
+
+        What is within a loose tolerance by chance says nothing of where the branch goes on: paths are followed to the default,
+        and what rounding keeps from that to what was given.
+        """
         self._set("misled", 0)
-        outcome, misled = go(chosen), self._get("misled") != 0
-        if misled.any():
+        with self._newton.no_looser() as loose:
+            outcome = go(chosen)
+            self._go_again(go, outcome, self._get("misled") != 0)
+        stalled = chosen & loose & (outcome.status == int(Status.STALLED))
+        if self.handed is not None:
+            self.handed &= ~stalled
+        self._go_again(go, outcome, stalled)
+        return outcome
+
+    def _go_again(self, go: Callable[[BoolArray], Outcome], outcome: Outcome, some: BoolArray) -> None:
+        """``go`` of some, by what the ``outcome`` leaves of their integrations; what they end with takes its place."""
+        if some.any():
             allowed = self._newton.allowed()
             self._newton.allow(np.maximum(allowed - outcome.integrations, 0))
-            again = go(misled)
+            outcome.end_with(go(some), some)
             self._newton.allow(allowed)
-            for name in ("status", "reached"):
-                getattr(outcome, name)[misled] = getattr(again, name)[misled]
-            for name in ("iterations", "integrations"):
-                getattr(outcome, name)[misled] += getattr(again, name)[misled]
-        return outcome
 
     def _get(self, name: str) -> NDArray[Any]:
         """A copy of a number of every instance."""
-        return np.array(
-            self._in_place[name] if self._in_place else getattr(self.problem if name == "active" else self.state, name).numpy()
-        )
+        holder = self.problem if name == "active" else self.state
+        return np.array(self._in_place[name] if self._in_place else getattr(holder, name).numpy())
 
     def _set(self, name: str, values: ArrayLike) -> None:
         """Set a number of every instance."""
@@ -359,7 +364,7 @@ class Paths:
         unknowns = self.state.points.numpy()[:, 0]
         size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))  # Frobenius: what multiplies a change, at most
         growth = size / np.linalg.norm(unloaded, axis=1)
-        given_up = active & creeping(level, step, size, growth, unknowns, self._tolerance())
+        given_up = active & creeping(level, step, size, growth, unknowns, self._newton.tolerance())
         self.handed |= given_up
         self._set("status", np.where(given_up, Status.STALLED, self._get("status")))
         self._set("active", active & ~given_up)

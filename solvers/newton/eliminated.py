@@ -32,7 +32,7 @@ class Eliminated:
 
     def __init__(self, problem: BoundaryProblem, elimination: Elimination, tolerance: FloatArray) -> None:
         count, n = problem.instance_count, problem.unknown_count
-        self._problem, self._elimination, self._tolerance = problem, elimination, tolerance
+        self._problem, self._elimination, self.tolerance = problem, elimination, tolerance
         self.gamma: Any = wp.zeros((count, 1, elimination.count), dtype=wp.float64, device=problem.device)
         self.direction: Any = wp.zeros((count, n, 1), dtype=wp.float64, device=problem.device)
         self.told: Any = wp.zeros((count, TOLD), dtype=wp.float64, device=problem.device)
@@ -57,7 +57,7 @@ class Eliminated:
         for t in rows.tolist():
             if not np.isfinite(residual[t]).all():
                 continue
-            there = bool(np.abs(residual[t]).max() <= self._tolerance[t])
+            there = bool(np.abs(residual[t]).max() <= self.tolerance[t])
             halfway = looked is not None and bool(looked[t])
             if halfway or not there:
                 direction[t, :, 0] = -elimination.solved(numbers[t, 0], residual[t])

@@ -208,6 +208,25 @@ class Newton:
         """Largest residual of each instance [1/m], shape (instance_count,)."""
         return np.array(self.state.tolerance.numpy())
 
+    @contextmanager
+    def no_looser(self) -> Iterator[BoolArray]:
+        """Within it no tolerance is looser than the problem's own; of which it is elsewhere, bool, shape (instance_count,)."""
+        given, own = self.tolerance(), self.problem.tolerance(None)
+        loose = given > own
+        if not loose.any():
+            yield loose
+            return
+        self._set_tolerance(np.minimum(given, own))
+        try:
+            yield loose
+        finally:
+            self._set_tolerance(given)
+
+    def _set_tolerance(self, tolerance: FloatArray) -> None:
+        self.state.tolerance.assign(tolerance)
+        if self.eliminated is not None:
+            self.eliminated.tolerance = tolerance
+
     def doubtful(self) -> bool:
         """Whether any instance of the last run failed or may have strayed."""
         if self._counts is None or self._doubts is None:
