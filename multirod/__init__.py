@@ -78,6 +78,7 @@ if _typing.TYPE_CHECKING:
     from multirod.tasks.estimating.priors import Prior, Walk
     from multirod.tasks.limits import Limits
     from multirod.tasks.measuring.curvature import Curvature
+    from multirod.tasks.measuring.force_torque import ForceTorque
     from multirod.tasks.reaching.reach import reach
     from multirod.tasks.reaching.reached import Reached
     from multirod.tasks.rows import Pose
@@ -111,6 +112,7 @@ __all__ = [
     "Estimator",
     "Explanation",
     "FixedStepIntegrator",
+    "ForceTorque",
     "HeldRod",
     "History",
     "IncompleteWarning",
@@ -216,6 +218,7 @@ _PUBLIC = {
     "studies.terms": "Dropped Explanation Term explain",
     "tasks.estimating.calibrate": "Calibration calibrate",
     "tasks.measuring.curvature": "Curvature",
+    "tasks.measuring.force_torque": "ForceTorque",
     "tasks.estimating.estimate": "Estimate estimate",
     "tasks.estimating.estimator": "Estimator",
     "tasks.estimating.priors": "Prior Walk",

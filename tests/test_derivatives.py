@@ -162,7 +162,7 @@ def bent():
 
 @pytest.mark.parametrize("name", ["tip_force", "rotation", "precurvature", "bending_stiffness"])
 def test_along_the_rod(bent, name):
-    """Position and curvature in the middle, which stays where it is along the rod."""
+    """Position, curvature and wrench in the middle, which stays where it is along the rod."""
     given = {"rotation": 0.3, **LOADS}
     if name in STEPS:
         step, robot = STEPS[name], rod_of(name, STEPS[name])
@@ -170,9 +170,11 @@ def test_along_the_rod(bent, name):
         step, robot = 1e-3, bent.assembly
         at = np.atleast_1d(given[name])
         given[name] = at + step * NODES[:, None] * np.eye(len(at))[:, None]
-    varied = mr.solve(robot, robot.inputs(**given), solver=SOLVER).rod(nodes=3)
-    for of, values in (("position", varied.position), ("curvature", varied.curvature)):
-        expected = np.einsum("n,knc->ck", WEIGHTS, values[:, :, 1]) / step
+    moved = mr.solve(robot, robot.inputs(**given), solver=SOLVER)
+    varied = moved.rod(nodes=3)
+    told = {"position": varied.position[:, :, 1], "curvature": varied.curvature[:, :, 1], "wrench": moved.along(0.2, of="wrench")}
+    for of, values in told.items():
+        expected = np.einsum("n,knc->ck", WEIGHTS, values) / step
         found = bent.jacobian(name, of=of, at=0.2) * stiffnesses(WIRE, name)
         # the nodes of a shape are steps of the integration too: what that leaves of a curvature
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())

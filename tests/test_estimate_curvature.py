@@ -97,16 +97,16 @@ def test_columns_of_tubes_by_differences():
         shape = solution.rod(k, nodes=2001)
         for j in range(3):
             there = np.interp(at, shape.arclength, shape.curvature[:, j])
-            np.testing.assert_allclose(found.curvatures[k][0][0, :, j], there, atol=1e-3)
+            np.testing.assert_allclose(found.sensed["curvature", k][0][0, :, j], there, atol=1e-3)
     n, h = x.shape[1], 1e-5
     for k in range(n + 5):
         ends = []
         for sign in (1, -1):
             change = sign * h * np.eye(n + 5)[k]
-            there = task.evaluate(x + change[:n], p + change[n:]).curvatures
-            ends.append(np.array([there[rod][0][0] for rod in range(2)]))
+            there = task.evaluate(x + change[:n], p + change[n:]).sensed
+            ends.append(np.array([there["curvature", rod][0][0] for rod in range(2)]))
         slope = (ends[0] - ends[1]) / (2 * h)
-        columns = np.array([found.curvatures[rod][1][0] for rod in range(2)])
+        columns = np.array([found.sensed["curvature", rod][1][0] for rod in range(2)])
         # the integrator's tolerance over h, of columns of some 10
         np.testing.assert_allclose(columns[..., k], slope, atol=1e-3 + 1e-4 * np.abs(slope).max())
 

@@ -56,14 +56,16 @@ def test_columns_along_rods_are_those_of_differences(robot, difference, name):
 
         def there(t, rod=rod, here=here):
             moved = GIVEN | {name: GIVEN[name] + t * way}
-            own = mr.solve(robot, robot.inputs(**moved), solver=SOLVER, guess=found).rod(rod, nodes=NODES)
+            moved_to = mr.solve(robot, robot.inputs(**moved), solver=SOLVER, guess=found)
+            own = moved_to.rod(rod, nodes=NODES)
             turn = vectors(own.rotation[NODE : NODE + 1] @ here.rotation[NODE].T)[0]
-            return np.concatenate([own.position[NODE], turn, own.curvature[NODE]])
+            carried = moved_to.along(float(here.arclength[NODE]), of="wrench", rod=rod)
+            return np.concatenate([own.position[NODE], turn, own.curvature[NODE], carried])
 
         expected = difference(there, 0.02)
-        for k, of in enumerate(("position", "rotation", "curvature")):
+        for k, of in enumerate(("position", "rotation", "curvature", "wrench")):
             columns = found.jacobian(name, of=of, at=float(here.arclength[NODE]), rod=rod)
-            own = expected[3 * k : 3 * k + 3]
+            own = expected[3 * k : 3 * k + len(columns)]
             # what rounding and the sixth order leave of differences
             np.testing.assert_allclose(columns @ way.reshape(-1), own, rtol=0, atol=1e-8 * max(1.0, np.abs(own).max()))
 

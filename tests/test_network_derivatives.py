@@ -250,8 +250,9 @@ def test_columns_along_rods(name):
     for rod in ("mast", "short"):
         shape = moved.rod(rod, nodes=3)
         middle = float(shape.arclength.reshape(-1, 3)[0, 1])
-        for of in ("position", "curvature"):
-            expected = WEIGHTS @ getattr(shape, of)[:, 1] / step
+        told = {"position": shape.position[:, 1], "curvature": shape.curvature[:, 1]}
+        for of, values in (told | {"wrench": moved.along(middle, of="wrench", rod=rod)}).items():
+            expected = WEIGHTS @ values / step
             found = solution.jacobian(name, of=of, at=middle, rod=rod) @ units
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 

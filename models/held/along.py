@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.launch import Launch
+from multirod.models.backbone.derivatives.along import Along
 from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.problem import PosesSensed
-from multirod.rotations import cross, matrices
+from multirod.rotations import matrices
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -75,20 +76,15 @@ def by_own_unknowns(problem: "HeldProblem", found: FloatArray) -> FloatArray:
 def columns_along(problem: "HeldProblem", names: Sequence[str], places: FloatArray) -> dict[str, FloatArray]:
     """(D20) What ``HeldProblem.along`` returns."""
     problem.to_rod()
-    found, lever = problem.rod.derivatives.along_itself(0, places)
-    return of_held(problem, names, found, lever)
+    return of_held(problem, names, problem.rod.derivatives.along_itself(0, places)).columns
 
 
-def of_held(
-    problem: "HeldProblem", names: Sequence[str], found: dict[str, FloatArray], lever: FloatArray
-) -> dict[str, FloatArray]:
-    """(D20) Columns along the rod, by what is held; ``lever`` (b, count, 3) is how far places are from the base, in the world."""
-    m, d = problem.rod.unknown_count, problem.direction_count
-    for j, axis in enumerate(np.moveaxis(problem.turn_axes(), 2, 0)):
-        found["position"][..., m + d + j] += cross(axis[:, None], lever)
-        found["rotation"][..., m + d + j] += axis[:, None]
-    result = {name: by_own_unknowns(problem, values) for name, values in found.items()}
-    for values in result.values():
+def of_held(problem: "HeldProblem", names: Sequence[str], found: Along) -> Along:
+    """(D20) What is told along the rod, with columns by what is held."""
+    first, axes = problem.rod.unknown_count + problem.direction_count, problem.turn_axes()
+    found.turn(np.swapaxes(axes, 1, 2), slice(first, first + axes.shape[2]))
+    result = replace(found, columns={name: by_own_unknowns(problem, values) for name, values in found.columns.items()})
+    for values in result.columns.values():
         at_rates(problem, names, values)
     return result
 
@@ -101,7 +97,7 @@ def at_rates(problem: "HeldProblem", names: Sequence[str], values: FloatArray) -
 
 
 class HeldSensing:
-    """A ``HeldProblem``'s integration that tells its rod's curvature and pose at some places too: a ``Sensing``.
+    """A ``HeldProblem``'s integration that tells more, at some places along its rod: a ``Sensing``.
 
     Args:
         problem: The problem.
@@ -132,8 +128,13 @@ class HeldSensing:
         """Of the last launch, as ``Sensing`` says."""
         problem = self.problem
         found = self._rod.poses(0)
-        columns = of_held(problem, names, found.columns, found.lever)
+        columns = of_held(problem, names, found).columns
         return replace(found, columns=columns).at(problem.rod.derivatives.base_position())
+
+    def wrench(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """Of the last launch, as ``Sensing`` says."""
+        told = of_held(self.problem, names, self._rod.wrenches())
+        return told.arms["wrench"], told.columns["wrench"]
 
 
 @dataclass(frozen=True)

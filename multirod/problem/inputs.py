@@ -46,6 +46,12 @@ class Sensing(Protocol):
     def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
         """The same of poses: where the places on a rod are, its frames there, and how both vary."""
 
+    def wrench(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """The same of the force and moment in the world that what lies beyond a place exerts on what lies before it.
+
+        Of all rods in each other and their lines: [N, N m] (instance_count, count, 6), and derivatives (..., count, 6, n + k).
+        """
+
 
 class ByInputs(Buffers, ABC):
     """What a ``BoundaryProblem`` says of its inputs: rows of them, and columns along each."""
@@ -141,7 +147,7 @@ class ByInputs(Buffers, ABC):
         return np.asarray(self.buffer("pose_columns")[:, :, : self.unknown_count])
 
     def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
-        """Derivatives of a rod's ``position``, ``rotation`` and ``curvature`` at some places, after ``aim(*names)``.
+        """Derivatives of a rod's ``position``, ``rotation``, ``curvature`` and ``wrench`` at some places, after ``aim(*names)``.
 
         Args:
             names: What the problem is aimed at.
@@ -149,8 +155,8 @@ class ByInputs(Buffers, ABC):
             places: Rising arclengths from the base [m], shape (instance_count, count).
 
         Returns:
-            Each of shape (instance_count, count, 3, n + k): by the unknowns, then by each number named, the unknowns fixed.
-            Positions and rotation vectors in the world, curvatures in the frame of the rod.
+            Each of shape (instance_count, count, 3, n + k), a wrench has 6 rows: by the unknowns, then by each number named, the
+            unknowns fixed. Positions, rotation vectors and wrenches in the world, curvatures in the frame of the rod.
         """
         raise NotImplementedError(f"{type(self).__name__} does not give derivatives along its rods")
 

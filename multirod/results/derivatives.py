@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from multirod.results.solution import Solution
 
 POSE = 6
-ALONG = ("position", "rotation", "curvature")  # at places along a rod
+ALONG = {"position": 3, "rotation": 3, "curvature": 3, "wrench": 6}  # at places along a rod, and the rows of each
 OF = ("pose", "line_length", "tension", *ALONG)
 OF_TIP = {"tip_pose": slice(0, POSE), "tip_position": slice(0, 3)}
 ROUNDED = 1e-9  # of the largest number of a load, what is not shown
@@ -144,7 +144,7 @@ def _rows(
     if of in ALONG:
         index = solution._rod_index(0 if rod is None else rod)
         places = places_of(solution, at, index)
-        tail = (places.size, 3) if np.ndim(np.asarray(at)) else (3,)
+        tail = (places.size, ALONG[of]) if np.ndim(np.asarray(at)) else (ALONG[of],)
 
         def along(problem: BoundaryProblem, moved: FloatArray, apart: FloatArray) -> FloatArray:
             own = np.maximum(places - apart[:, None], places / 2)
@@ -201,13 +201,15 @@ def along(solution: "Solution[Any]", at: Numbers, of: str, rod: int | str) -> Fl
     def told(problem: BoundaryProblem) -> tuple[FloatArray]:
         sensing = problem.sensing(places)
         sensing.launch()
-        found = sensing.curvature((), index)[0] if of == "curvature" else getattr(sensing.poses((), index), of)
-        found = np.array(found)
+        if of in ("position", "rotation"):
+            found = np.array(getattr(sensing.poses((), index), of))
+        else:
+            found = np.array(getattr(sensing, of)((), index)[0])
         for k in problem.breakpoints:
             found[k] = np.nan
         return (found,)
 
-    tail = (3, 3) if of == "rotation" else (3,)
+    tail = (3, 3) if of == "rotation" else (ALONG[of],)
     options = solution.assembly.input_directions()
     found = solution._gather(told, pose_sensitivities=True, **options)[0]
     return solution._masked(found, (places.size, *tail) if np.ndim(np.asarray(at)) else tail)

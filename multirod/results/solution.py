@@ -106,7 +106,7 @@ class Solution(Asked, Wrenches[Robot_co]):
     def jacobian(
         self: "Solution[Named[Name]]",  # type: ignore[type-var]  # a robot, by what its inputs are called
         *names: "Name | Parameter",
-        of: Literal["pose", "line_length", "tension", "position", "rotation", "curvature"] = "pose",
+        of: Literal["pose", "line_length", "tension", "position", "rotation", "curvature", "wrench"] = "pose",
         at: Numbers | None = None,
         rod: int | str | None = None,
     ) -> FloatArray:
@@ -121,19 +121,19 @@ class Solution(Asked, Wrenches[Robot_co]):
                 ``"magnetisation"`` [A m] of each section of each rod, ``"base"``, ``"platform"`` (``docs/derivatives.md`` says
                 what stays as it is meanwhile, and of which robots).
             of: ``"pose"`` of the end effector, ``"line_length"`` or ``"tension"`` of lines; or, at places along a rod,
-                ``"position"``, ``"rotation"`` or ``"curvature"``.
-            at: Of the last three, arclengths from the base [m], one or several, rising, as ``rod(k).arclength``, which begins
+                ``"position"``, ``"rotation"``, ``"curvature"`` or ``"wrench"``, as of ``along``.
+            at: Of the last four, arclengths from the base [m], one or several, rising, as ``rod(k).arclength``, which begins
                 with 0.
             rod: Of them too, index or name of the rod; the first by default.
 
         Returns:
-            Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world
-            frame; one column for each component of an input, or each rod or line. Of lines, shape (..., line_count, k). Along a
-            rod, shape (..., 3, k) or (..., count, 3, k): positions and rotation vectors in the world, curvatures in the frame of
-            the rod [1/m]. Columns by parameters run over rods, then over as many sections of each as any has, then over
-            components: three of vectors, ``EI_x`` and ``EI_y`` of ``bending_stiffness``; columns of sections that a rod
-            has not are zero. Of ``base`` position, then rotation vector about it, in the world, of each leg of parallel robots;
-            of ``platform`` those of each leg's attachment, in the platform's frame.
+            Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world frame;
+            one column for each component of an input, or each rod or line. Of lines, shape (..., line_count, k). Along a rod,
+            shape (..., 3, k) or (..., count, 3, k), with 6 rows of wrenches: positions, rotation vectors and wrenches in the
+            world, curvatures in the frame of the rod [1/m]. Columns by parameters run over rods, then over as many sections of
+            each as any has, then over components: three of vectors, ``EI_x`` and ``EI_y`` of ``bending_stiffness``; columns of
+            sections that a rod has not are zero. Of ``base`` position, then rotation vector about it, in the world, of each leg
+            of parallel robots; of ``platform`` those of each leg's attachment, in the platform's frame.
 
         Raises:
             TypeError: If the assembly takes no such input, or none is named.
@@ -152,7 +152,7 @@ class Solution(Asked, Wrenches[Robot_co]):
         self,
         at: Numbers,
         *,
-        of: Literal["position", "rotation", "curvature"] = "position",
+        of: Literal["position", "rotation", "curvature", "wrench"] = "position",
         rod: int | str = 0,
     ) -> FloatArray:
         """What a rod is at given arclengths: of what ``jacobian(..., of=, at=, rod=)`` has the derivatives.
@@ -162,13 +162,14 @@ class Solution(Asked, Wrenches[Robot_co]):
         Args:
             at: Arclengths from the base [m], one or several, rising, as ``rod(k).arclength``; where a section ends, just before,
                 and at the base, 0, just behind: by 1e-12 of the length.
-            of: ``"position"`` in the world [m], ``"rotation"`` of the rod's own frame, body to world, or ``"curvature"`` in that
-                frame [1/m].
+            of: ``"position"`` in the world [m], ``"rotation"`` of the rod's own frame, body to world, ``"curvature"`` in that
+                frame [1/m], or ``"wrench"``: force [N] and moment about the place [N m], in the world, that what lies beyond the
+                place exerts on what lies before it, of all tubes in each other and their lines: at 0 what ``wrench()`` says.
             rod: Index or name of the rod.
 
         Returns:
-            Shape (..., 3), of rotations (..., 3, 3), or with several arclengths (..., count, 3), (..., count, 3, 3). NaN where
-            there is no result, and of what multiple shooting found.
+            Shape (..., 3), of rotations (..., 3, 3), of wrenches (..., 6), or with several arclengths (..., count, 3) and so on.
+            NaN where there is no result, and of what multiple shooting found.
 
         Raises:
             ValueError: If ``of`` is none of these, there is no such rod, or ``at`` is not on it.

@@ -132,7 +132,8 @@ def columns(names: Sequence[str], sizes: Sequence[int]) -> NDArray[np.intp]:
     """Which of all numbers of these inputs, of so many each, one input after another, are chosen, shape (k,)."""
     numbers, starts = getattr(names, "numbers", {}), np.cumsum([0, *sizes])[:-1]
     own = [numbers.get(name, range(size)) for name, size in zip(names, sizes, strict=True)]
-    return np.concatenate([start + np.array(part, dtype=np.intp) for part, start in zip(own, starts, strict=True)])
+    chosen = [start + np.array(part, dtype=np.intp) for part, start in zip(own, starts, strict=True)]
+    return np.concatenate(chosen) if chosen else np.zeros(0, dtype=np.intp)
 
 
 def whole(names: Sequence[str]) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from multirod.frames import Framed
 from multirod.naming import hinted
 from multirod.plausibility.limits import LENGTH
 from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, refuse_unturned, vectors
+from multirod.tasks.deviations import deviations
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
 from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, first_of, nonnegative_float, refuse
@@ -21,7 +22,6 @@ NEARBY = LENGTH.high  # within which a place is nothing to warn of [m]
 PARTS = ("position", "rotation", "axis", "across")  # of a pose
 Kind = tuple[int, int, int]  # whether there is a position (2: across a direction), a rotation, an axis
 POSITION_ROWS = (0, 3, 2)  # of each of these
-ONE_OR_THREE = ("one number", "one number, or three along the axes of the world")
 SYMMETRIC = 1e-9  # what a covariance may be off its transpose, of its largest entry
 SERIES_BELOW = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
 
@@ -64,6 +64,8 @@ class Pose(Framed):
             positive definite, both or none of rotation and axis are given without a position, ``across`` is given without one,
             ``at`` is < 0, or leading axes do not broadcast.
     """
+
+    quantity: ClassVar = "poses"
 
     @hinted("its parts are named, of a matrix T of shape (4, 4) Pose(position=T[:3, 3], rotation=T[:3, :3])")
     def __init__(
@@ -363,24 +365,7 @@ def _sigma(kind: Kind, value: object) -> FloatArray:
     """Standard deviations of each row, (m,)."""
     parts = [("the position [m]", POSITION_ROWS[kind[0]], kind[0] == 1)] if kind[0] else []
     parts += [("the angles [rad]", 3 if kind[1] else 2, bool(kind[1]))] if kind[1] or kind[2] else []
-    if len(parts) == 1:
-        said, _, each = parts[0]
-        message = f"must be one number: of {said}{', or three along the axes of the world' if each else ''}"
-        given: list[object] = [value]
-    else:
-        message = "must be a pair: of the position [m] and of the angles [rad]"
-        given = list(value) if isinstance(value, (tuple, list, np.ndarray)) and np.ndim(value[:1]) else []
-        if len(given) != 2:
-            refuse("Pose.sigma", value, message)
-    result = []
-    for (said, rows, each), own in zip(parts, given, strict=True):
-        found = array("Pose.sigma", own, finite=False)
-        if found.shape not in ((), (1,), *([(3,)] if each else [])):
-            refuse("Pose.sigma", value, message if len(parts) == 1 else f"{message}; of {said} " + ONE_OR_THREE[each])
-        if not ((found > 0) & np.isfinite(found)).all():
-            refuse("Pose.sigma", value, "must be finite and > 0")
-        result.append(np.broadcast_to(found, (rows,)))
-    return np.concatenate(result)
+    return deviations("Pose.sigma", value, parts)
 
 
 def _root(kind: Kind, sigma: object, covariance: object) -> FloatArray:

@@ -1,26 +1,28 @@
-"""How a rod varies along itself: columns of position, rotation and curvature at given arclengths.
+"""How a rod varies along itself: columns of position, rotation, curvature and of what it carries at given arclengths.
 
 Numbers in parentheses are those of ``docs/derivatives.md``.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 import warp as wp
 
 from multirod.launch import record
 from multirod.models.backbone.derivatives.along_kernels import curvatures, poses
+from multirod.models.backbone.derivatives.designs import carried
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.passes.buffers import holder
 from multirod.problem import PosesSensed
+from multirod.rotations import cross
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 Posing: TypeAlias = tuple[Any, tuple[Any, Any, Any], list[FloatArray]]
-QUANTITIES = ("position", "rotation", "curvature")
+WRENCH = 6
 SHARED = ("residual", "gamma", "residual_directions", "pose_columns")
 
 
@@ -29,9 +31,7 @@ def of_member(values: FloatArray, count: int, place: int) -> FloatArray:
     return np.asarray(values.reshape(count, -1, *values.shape[1:])[:, place])
 
 
-def along_member(
-    backbones: "BackboneProblem", rod: int, place: int, places: FloatArray
-) -> tuple[dict[str, FloatArray], FloatArray]:
+def along_member(backbones: "BackboneProblem", rod: int, place: int, places: FloatArray) -> "Along":
     """What ``BackboneProblem.along_itself`` says of one of several members that each instance has, at rising ``places``
     (instance_count, count): of a ``rod`` of the member at ``place``."""
     count = len(places)
@@ -39,8 +39,7 @@ def along_member(
     ends = backbones.sizes.ends()[:, rod].reshape(count, -1)
     each = places[:, None] * (ends / ends[:, place, None])[..., None]
     each[:, place] = places
-    found, lever = backbones.derivatives.along_itself(rod, each.reshape(-1, places.shape[1]))
-    return {name: of_member(values, count, place) for name, values in found.items()}, of_member(lever, count, place)
+    return backbones.derivatives.along_itself(rod, each.reshape(-1, places.shape[1])).of_member(count, place)
 
 
 class AlongPass:
@@ -71,7 +70,7 @@ class AlongPass:
             "gamma": (n, n),
             "residual_directions": (n, max(problem.direction_count, 1)),
             "pose_columns": (6, columns),
-            "node_columns": (count + 1, 2 * self.layout.column.size, columns + 1),
+            "node_columns": (count + 1, 2 * self.layout.column.size + WRENCH, columns + 1),
             "line_length_columns": (problem.drive_count, columns),
         }
         for name, shape in shapes.items():
@@ -88,13 +87,13 @@ class AlongPass:
         self._posing: dict[int, Posing] = {}
         self._launch = problem.lane_pass(features, self._call, columns=(n, problem.direction_count))
 
-    def at(self, places: FloatArray, rod: int) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Columns of ``QUANTITIES`` of a rod at rising ``places`` (instance_count, count), by unknowns, then by directions, each
-        (instance_count, count, 3, column); and how far they are from the base, in the world, (instance_count, count, 3)."""
+    def at(self, places: FloatArray, rod: int) -> "Along":
+        """All that is told of a rod at rising ``places`` (instance_count, count), by unknowns, then by directions."""
         self.place(places)
         self.launch()
-        posed = self.poses(rod)
-        return posed.columns | {"curvature": np.array(self.curvature(rod)[1])}, posed.lever
+        posed, carrying = self.poses(rod), self.wrenches()
+        bent = {"curvature": np.array(self.curvature(rod)[1])}
+        return Along(posed.columns | bent | carrying.columns, posed.arms | carrying.arms)
 
     def place(self, places: FloatArray) -> None:
         """Be at rising ``places`` (instance_count, count) from now on."""
@@ -130,7 +129,15 @@ class AlongPass:
         launch, found, same = self._posing[rod]
         launch.launch()
         lever, rotation, moved = (np.array(own) for own in (same or [each.numpy() for each in found]))
-        return PosesAlong(lever, rotation, {"position": moved[:, :, :3], "rotation": moved[:, :, 3:]})
+        return PosesAlong({"position": moved[:, :, :3], "rotation": moved[:, :, 3:]}, {"position": lever}, rotation)
+
+    def wrenches(self) -> "Along":
+        """(D25) Of the last launch: what all rods together carry at the places, and how that varies, likewise."""
+        found = self._call.node_columns.numpy()[:, 1:, -WRENCH:]
+        base = self.problem.table.base_rotation.numpy().reshape(-1, 1, 1, 3, 3)
+        turned = base @ found.reshape(*found.shape[:2], 2, 3, -1)
+        values = turned.reshape(found.shape)
+        return Along({"wrench": values[..., :-1]}, {"wrench": values[..., -1]})
 
     def _poses(self, rod: int) -> Posing:
         """What finds ``poses``: its launch, the arrays it writes, on the CPU as NumPy sees them in place."""
@@ -152,25 +159,58 @@ def _angle(layout: Any, rod: int) -> int:  # noqa: ANN401  (of a layout)
 
 
 @dataclass(frozen=True)
-class PosesAlong:
-    """Places along a rod.
+class Along:
+    """What is told at places along a rod.
 
     Attributes:
-        lever: How far they are from the base, in the world [m], shape (b, count, 3).
-        rotation: The rod's frames there, body to world, shape (b, count, 3, 3).
-        columns: How ``position`` and ``rotation`` vary, rotation vectors in the world, each (b, count, 3, column).
+        columns: How each of ``position``, ``rotation``, a rotation vector, ``wrench``, all in the world, and ``curvature`` in the
+            frame of the rod varies, each (b, count, 3, column), of a wrench (b, count, 6, column).
+        arms: What turns with the base, in the world: the ``position`` from the base [m], (b, count, 3), and the ``wrench``
+            [N, N m], (b, count, 6).
     """
 
-    lever: FloatArray
-    rotation: FloatArray
     columns: dict[str, FloatArray]
+    arms: dict[str, FloatArray]
+
+    def of_member(self, count: int, place: int) -> Self:
+        """That of one of several rods that each of ``count`` instances has."""
+        columns, arms = ({name: of_member(own, count, place) for name, own in each.items()} for each in (self.columns, self.arms))
+        return replace(self, columns=columns, arms=arms)
+
+    def carry(self, there: slice) -> None:
+        """(D10) In place: columns by a pose that all moves and turns with."""
+        for name, arm in self.arms.items():
+            rigid = carried(arm.reshape(-1, 3)).reshape(*arm.shape[:-1], -1, 6, 6)
+            if name == "position":
+                self.columns["position"][..., there] += rigid[..., 0, :3, :]
+                self.columns["rotation"][..., there] += rigid[..., 0, 3:, :]
+            else:
+                self.columns[name][..., there][..., 3:] += rigid[..., :3, 3:].reshape(*arm.shape, 3)
+
+    def turn(self, turns: FloatArray, there: slice) -> None:
+        """(D20) In place: columns by turns of the base, (b, column, 3) in the world."""
+        for name, arm in self.arms.items():
+            arms = arm.reshape(*arm.shape[:2], -1, 3)
+            moved = cross(*np.broadcast_arrays(turns[:, None, None], arms[:, :, :, None]))
+            self.columns[name][..., there] += np.swapaxes(moved, 3, 4).reshape(*arm.shape, -1)
+        if "rotation" in self.columns:
+            self.columns["rotation"][..., there] += np.swapaxes(turns, 1, 2)[:, None]
+
+
+@dataclass(frozen=True)
+class PosesAlong(Along):
+    """Where places along a rod are, besides.
+
+    Attributes:
+        rotation: The rod's frames there, body to world, shape (b, count, 3, 3).
+    """
+
+    rotation: FloatArray
 
     def at(self, base: FloatArray) -> PosesSensed:
         """From bases at positions in the world (b or 1, 3)."""
         columns = np.concatenate([self.columns["position"], self.columns["rotation"]], axis=2)
-        return PosesSensed(base[:, None] + self.lever, self.rotation, columns)
+        return PosesSensed(base[:, None] + self.arms["position"], self.rotation, columns)
 
-    def of_member(self, count: int, place: int) -> "PosesAlong":
-        """Those of one of several rods that each of ``count`` instances has."""
-        columns = {name: of_member(values, count, place) for name, values in self.columns.items()}
-        return PosesAlong(of_member(self.lever, count, place), of_member(self.rotation, count, place), columns)
+    def of_member(self, count: int, place: int) -> Self:  # noqa: D102
+        return replace(super().of_member(count, place), rotation=of_member(self.rotation, count, place))

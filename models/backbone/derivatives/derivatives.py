@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multirod.models.backbone.derivatives.along import AlongPass
+from multirod.models.backbone.derivatives.along import Along, AlongPass
 from multirod.models.backbone.derivatives.designs import COMPONENTS, DEAD, POSE, BehindPlate, Designs, carried, turned_loads
 from multirod.problem import FEW, PosesSensed
 from multirod.validation import FloatArray
@@ -99,24 +99,21 @@ class BackboneDerivatives:
         return np.concatenate(rates, axis=2)
 
     def along(self, names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
-        """Derivatives of ``along.QUANTITIES`` at ``places`` (instance_count, count), rising arclengths of a rod, by the unknowns,
-        then, these fixed, by each number that the problem is aimed at, each (instance_count, count, 3, n + k)."""
-        found, lever = self.along_itself(rod, places)
-        self.complete(names, found, lever)
-        return found
+        """What ``ByInputs.along`` says."""
+        found = self.along_itself(rod, places)
+        self.complete(names, found)
+        return found.columns
 
-    def complete(self, names: Sequence[str], found: dict[str, FloatArray], lever: FloatArray) -> None:
+    def complete(self, names: Sequence[str], found: Along) -> None:
         """(D9), (D10) In place: columns along a rod with the unknowns fixed, and carried by a base that is moved."""
         rates, n = self.unknown_rates(names), self.problem.unknown_count
         if rates is not None:
-            for values in found.values():
+            for values in found.columns.values():
                 values[..., n:] -= values[..., :n] @ rates[:, None]
         for own in self._columns_of(names, "base"):
-            rigid = carried(lever.reshape(-1, 3)).reshape(*lever.shape[:2], 2, 3, -1)
-            for k, name in enumerate(("position", "rotation")):
-                found[name][..., n + own.start : n + own.stop] += rigid[:, :, k]
+            found.carry(slice(n + own.start, n + own.stop))
 
-    def along_itself(self, rod: int, places: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+    def along_itself(self, rod: int, places: FloatArray) -> Along:
         """``AlongPass.at`` of the last integration's unknowns, inputs and directions."""
         self._refuse_side_by_side()
         made: AlongPass
@@ -144,7 +141,7 @@ class BackboneDerivatives:
 
 
 class BackboneSensing:
-    """A backbone's integration that tells curvatures and poses at some places too: a ``Sensing``."""
+    """A backbone's integration that tells more, at some places along it: a ``Sensing``."""
 
     def __init__(self, derivatives: BackboneDerivatives, places: FloatArray) -> None:
         self._derivatives, self._pass = derivatives, derivatives.sensing(places)
@@ -164,5 +161,11 @@ class BackboneSensing:
     def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
         """As ``Sensing`` says."""
         found = self._pass.poses(rod)
-        self._derivatives.complete(names, found.columns, found.lever)
+        self._derivatives.complete(names, found)
         return found.at(self._derivatives.base_position())
+
+    def wrench(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """As ``Sensing`` says."""
+        found = self._pass.wrenches()
+        self._derivatives.complete(names, found)
+        return found.arms["wrench"], found.columns["wrench"]

@@ -8,6 +8,7 @@ import warp as wp
 from multirod.models.backbone.kernels.layout.arguments import END, END_MOVER, OUTPUT, Call, Instance, RodTable
 from multirod.models.backbone.kernels.layout.layout import Layout, Memory
 from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul, neg, sub  # noqa: F401  (by name)
+from multirod.models.backbone.kernels.numbers.vectors import vectors
 
 f64 = wp.float64
 
@@ -42,7 +43,7 @@ def make_along(layout: Layout, memory: Memory, rates: SimpleNamespace, parts: Si
     """The function that a lane calls at the end of a stretch, in the place of ``at_end``: columns first."""
     L = lanes(W, d)
     row, one_of = L.row, L.one
-    memory_type = wp.array(dtype=d)
+    memory_type, Vec3 = wp.array(dtype=d), vectors(W, d).Vec3
     column = L.few(layout.column.size)
     read_column, part_of = column.read, column.part
     SIZE, GROWTH, RATE = layout.column.size, layout.given["growth"], layout.place["rate"]
@@ -50,13 +51,27 @@ def make_along(layout: Layout, memory: Memory, rates: SimpleNamespace, parts: Si
     s, c = layout.state, layout.column
     Q_AT, P_AT, DQ_AT, DP_AT = s["frame"], s["position"], c["frame"], c["position"]
     column_rates, at_end, output_arclength = rates.column_rates, parts.at_end, parts.output_arclength
+    wrench, wrench_variation, WRENCH = rates.along.wrench, rates.along.variation, 2 * layout.column.size
     state_in, first_column, column_count = parts.state_in, parts.first_column, parts.column_count
+
+    @wp.func
+    def write_wrench(call: wp.ref[Call], t: int, output: int, column: int, n: Vec3, m: Vec3, l: int):
+        """Force, then moment, into a column."""
+        w = wp.static(WRENCH)
+        call.node_columns[t, output, w, column] = f64(one_of(n.x, l))
+        call.node_columns[t, output, w + 1, column] = f64(one_of(n.y, l))
+        call.node_columns[t, output, w + 2, column] = f64(one_of(n.z, l))
+        call.node_columns[t, output, w + 3, column] = f64(one_of(m.x, l))
+        call.node_columns[t, output, w + 4, column] = f64(one_of(m.y, l))
+        call.node_columns[t, output, w + 5, column] = f64(one_of(m.z, l))
 
     @wp.func(inline=False)
     def write_columns(call: wp.ref[Call], case: wp.ref[Instance], memory: memory_type, o: int, l: int, job: int, output: int):
-        """(D11) The columns of a lane, then the state, at a place that does not move; their rates follow them."""
+        """(D11), (D25) The columns of a lane, then the state, at a place that does not move; their rates and what the rods carry
+        follow them."""
         t = case.index
         y = state_in(case, memory, o, l)
+        a = o + wp.static(PLACE)
         for k in range(column_count(call, job)):
             at = o + wp.static(COLUMNS) + k * wp.static(COLUMN_SIZE)
             g = at + wp.static(SIZE)
@@ -67,6 +82,8 @@ def make_along(layout: Layout, memory: Memory, rates: SimpleNamespace, parts: Si
                 rate = part_of(f, wp.static(j)) - growth * row(memory, o + wp.static(PLACE + RATE + j))
                 call.node_columns[t, output, wp.static(j), first_column(call, job) + k] = f64(one_of(part_of(v, wp.static(j)), l))
                 call.node_columns[t, output, wp.static(SIZE + j), first_column(call, job) + k] = f64(one_of(rate, l))
+            dn, dm = wrench_variation(memory, o + wp.static(Z), a, g, v)
+            write_wrench(call, t, output, first_column(call, job) + k, dn, dm, l)
         last = call.unknown_columns + call.direction_columns
         for j in range(wp.static(SIZE)):
             value = f64(0.0)
@@ -79,6 +96,8 @@ def make_along(layout: Layout, memory: Memory, rates: SimpleNamespace, parts: Si
             call.node_columns[t, output, wp.static(j), last] = value
             rate = row(memory, o + wp.static(PLACE + RATE + j))
             call.node_columns[t, output, wp.static(SIZE + j), last] = f64(one_of(rate, l))
+        n, m = wrench(memory, a)
+        write_wrench(call, t, output, last, n, m, l)
 
     @wp.func(inline=False)
     def at_given(

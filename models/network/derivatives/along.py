@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multirod.models.backbone.derivatives.along import AlongPass, PosesAlong, along_member, of_member
-from multirod.models.backbone.derivatives.designs import POSE, carried
+from multirod.models.backbone.derivatives.along import Along, AlongPass, PosesAlong, along_member, of_member
+from multirod.models.backbone.derivatives.designs import POSE
 from multirod.models.network.derivatives.designs import Aim, by_numbers
 from multirod.models.network.elements.elements import TURNING
 from multirod.models.network.places import FIXED
@@ -40,32 +40,36 @@ def columns_along(problem: "NetworkProblem", names: Sequence[str], rod: int, pla
     """(D21) What ``NetworkProblem.along`` returns."""
     group, place, tube = find_rod(problem, rod)
     problem.hand_over()
-    found, lever = along_member(group.backbones, tube, place, places)
-    return of_network(problem, problem.aim_of(names), group, place, found, lever)
+    found = along_member(group.backbones, tube, place, places)
+    return of_network(problem, problem.aim_of(names), group, place, found).columns
 
 
-def of_network(
-    problem: "NetworkProblem", aim: Aim, group: "RodGroup", place: int, found: dict[str, FloatArray], lever: FloatArray
-) -> dict[str, FloatArray]:
-    """(D21) Columns along a rod in the frame of its base, as they are in the world, by the network's unknowns and numbers;
-    ``lever`` (b, count, 3) is how far places are from the base, in its frame."""
-    member = int(group.members[place])
+def of_network(problem: "NetworkProblem", aim: Aim, group: "RodGroup", place: int, found: Along) -> Along:
+    """(D21) What is told along a rod in the frame of its base, as it is in the world, with columns by the network's unknowns and
+    numbers; its places from the origin of the ground."""
+    member, n = int(group.members[place]), problem.unknown_count
     base, move, turn = base_columns(problem, aim, member)
     beta = np.swapaxes(base, 1, 2) @ turn
-    result = {name: by_network(problem, aim, group, place, values, beta) for name, values in found.items()}
-    for name in ("position", "rotation"):
-        result[name] = base[:, None] @ result[name]
-    arm = (base[:, None] @ lever[..., None])[..., 0]
-    result["rotation"] += turn[:, None]
-    result["position"] += move[:, None] + np.swapaxes(cross(np.swapaxes(turn, 1, 2)[:, None], arm[:, :, None]), 2, 3)
-    arm += (problem.state().ends[0].position[:, member] - ground_of(problem)[0])[:, None]
-    rigid = carried(arm.reshape(-1, 3)).reshape(*arm.shape[:2], 2, 3, POSE)
-    for own in aim.numbers_of("base"):  # (D10)
-        for k, name in enumerate(("position", "rotation")):
-            result[name][..., problem.unknown_count + own.start : problem.unknown_count + own.stop] += rigid[:, :, k]
-    for values in result.values():
+    columns = {name: by_network(problem, aim, group, place, values, beta) for name, values in found.columns.items()}
+    for name in columns.keys() - {"curvature"}:
+        columns[name] = _turned(base, columns[name])
+    arms = {name: _turned(base, arm[..., None])[..., 0] for name, arm in found.arms.items()}
+    result = Along(columns, arms)
+    result.turn(np.swapaxes(turn, 1, 2), slice(None))
+    if "position" in columns:
+        columns["position"] += move[:, None]
+        arms["position"] += (problem.state().ends[0].position[:, member] - ground_of(problem)[0])[:, None]
+    for own in aim.numbers_of("base"):
+        result.carry(slice(n + own.start, n + own.stop))
+    for values in columns.values():
         at_rates(problem, aim, values)
     return result
+
+
+def _turned(base: FloatArray, values: FloatArray) -> FloatArray:
+    """Vectors, three rows each (b, count, rows, column), turned by frames (b, 3, 3)."""
+    vectors = values.reshape(*values.shape[:2], -1, 3, values.shape[-1])
+    return np.asarray((base[:, None, None] @ vectors).reshape(values.shape))
 
 
 def at_rates(problem: "NetworkProblem", aim: Aim, values: FloatArray) -> None:
@@ -136,7 +140,7 @@ def by_network(
 
 
 class NetworkSensing:
-    """A ``NetworkProblem``'s integration that tells its rods' curvatures and poses at some places too: a ``Sensing``.
+    """A ``NetworkProblem``'s integration that tells more, at some places along its rods: a ``Sensing``.
 
     Args:
         problem: The problem.
@@ -171,8 +175,14 @@ class NetworkSensing:
         problem = self.problem
         group, place, tube = find_rod(problem, rod)
         found = self._passes[problem.groups.index(group)].poses(tube).of_member(problem.instance_count, place)
-        columns = of_network(problem, problem.aim_of(names), group, place, found.columns, found.lever)
-        end, member = problem.state().ends[0], int(group.members[place])
-        base = end.rotation[:, member, None]
-        lever = (base @ found.lever[..., None])[..., 0]
-        return PosesAlong(lever, base @ found.rotation, columns).at(end.position[:, member])
+        told = of_network(problem, problem.aim_of(names), group, place, found)
+        base = problem.state().ends[0].rotation[:, int(group.members[place]), None]
+        return PosesAlong(told.columns, told.arms, base @ found.rotation).at(ground_of(problem)[0])
+
+    def wrench(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """Of the last launch, as ``Sensing`` says."""
+        problem = self.problem
+        group, place, _ = find_rod(problem, rod)
+        found = self._passes[problem.groups.index(group)].wrenches().of_member(problem.instance_count, place)
+        told = of_network(problem, problem.aim_of(names), group, place, found)
+        return told.arms["wrench"], told.columns["wrench"]

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multirod.models.backbone.derivatives.along import AlongPass, along_member, of_member
-from multirod.models.backbone.derivatives.designs import carried
+from multirod.models.backbone.derivatives.along import Along, AlongPass, along_member, of_member
 from multirod.models.platform.derivatives.columns import input_columns
 from multirod.models.platform.derivatives.designs import unknown_rates
 from multirod.problem import PosesSensed
@@ -39,26 +38,20 @@ def columns_along(
     """(D20) What ``ParallelProblem.along`` returns; ``every`` is what the problem is aimed at."""
     group, place, own = find_rod(problem, rod)
     problem.to_legs()
-    found, lever = along_member(group.backbones, own, place, places)
-    return of_robot(problem, every, group.members[place], found, lever)
+    found = along_member(group.backbones, own, place, places)
+    return of_robot(problem, every, group.members[place], found).columns
 
 
-def of_robot(
-    problem: "ParallelProblem", every: Sequence["InputColumns"], leg: int, found: dict[str, FloatArray], lever: FloatArray
-) -> dict[str, FloatArray]:
-    """(D20) Columns along a leg, by the robot's unknowns and numbers; ``lever`` (b, count, 3) is how far places are from its
-    base, in the world."""
+def of_robot(problem: "ParallelProblem", every: Sequence["InputColumns"], leg: int, found: Along) -> Along:
+    """(D20) What is told along a leg, with columns by the robot's unknowns and numbers."""
     n = problem.unknown_count
-    rigid = carried(lever.reshape(-1, 3)).reshape(len(lever), -1, 2, 3, 6)
-    result = {name: by_robot(problem, every, leg, values) for name, values in found.items()}
+    result = replace(found, columns={name: by_robot(problem, every, leg, values) for name, values in found.columns.items()})
     start = n
     for columns in every:
         if columns.name == "base":
-            there = slice(start + columns.shares[leg][0], start + sum(columns.shares[leg]))
-            result["position"][..., there] += rigid[:, :, 0]
-            result["rotation"][..., there] += rigid[:, :, 1]
+            result.carry(slice(start + columns.shares[leg][0], start + sum(columns.shares[leg])))
         start += columns.numbers
-    for values in result.values():
+    for values in result.columns.values():
         at_rates(problem, every, values)
     return result
 
@@ -88,7 +81,7 @@ def at_rates(problem: "ParallelProblem", every: Sequence["InputColumns"], values
 
 
 class LegSensing:
-    """A ``ParallelProblem``'s integration that tells its legs' curvatures and poses at some places too: a ``Sensing``.
+    """A ``ParallelProblem``'s integration that tells more, at some places along its legs: a ``Sensing``.
 
     Args:
         problem: The problem.
@@ -120,7 +113,14 @@ class LegSensing:
         problem = self.problem
         group, place, own = find_rod(problem, rod)
         found = self._passes[problem.groups.index(group)].poses(own).of_member(problem.instance_count, place)
-        every = input_columns(problem.geometry, names)
-        columns = of_robot(problem, every, group.members[place], found.columns, found.lever)
         base = np.broadcast_to(group.backbones.derivatives.base_position(), (group.backbones.instance_count, 3))
-        return replace(found, columns=columns).at(of_member(base, problem.instance_count, place))
+        told = of_robot(problem, input_columns(problem.geometry, names), group.members[place], found)
+        return replace(found, columns=told.columns).at(of_member(base, problem.instance_count, place))
+
+    def wrench(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
+        """Of the last launch, as ``Sensing`` says."""
+        problem = self.problem
+        group, place, _ = find_rod(problem, rod)
+        found = self._passes[problem.groups.index(group)].wrenches().of_member(problem.instance_count, place)
+        told = of_robot(problem, input_columns(problem.geometry, names), group.members[place], found)
+        return told.arms["wrench"], told.columns["wrench"]

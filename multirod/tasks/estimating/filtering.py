@@ -22,7 +22,7 @@ from multirod.tasks.estimating.inference import Posterior, deviations, largest_s
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.formulation import input_units
 from multirod.tasks.measuring.along import Along
-from multirod.tasks.measuring.curvature import CurvatureRows
+from multirod.tasks.measuring.along_rows import AlongRows
 from multirod.tasks.measuring.sensors import Live
 from multirod.tasks.rows import PoseRows
 from multirod.tasks.watch import Watch
@@ -151,9 +151,9 @@ class _FilterTrack(Track):
         shared = known.state | live.poses | {"known": live.there, "whitening": live.whitening}
         apart = not wp.get_device(problem.device).is_cpu
         self._sent, self._fetched = (list(each.values()) if apart else [] for each in (shared, known.state))
-        bent = [index for index, rows in enumerate(live.rows) if isinstance(rows, CurvatureRows)]
-        self._told = Shared((count, m, 1 + n + k) if bent else (1, 1, 1), wp.float64, problem.device)
-        self._bent = [(index, self._told.values[:, live.slices[index]]) for index in bent]
+        sensed = [index for index, rows in enumerate(live.rows) if isinstance(rows, AlongRows)]
+        self._told = Shared((count, m, 1 + n + k) if sensed else (1, 1, 1), wp.float64, problem.device)
+        self._sensed = [(index, self._told.values[:, live.slices[index]]) for index in sensed]
         self._markers = _Markers(live, state, count, n, k, problem.device)
         for name, each in (shared | {"told": self._told}).items():
             setattr(state, name, each.array)
@@ -262,10 +262,10 @@ class _FilterTrack(Track):
     def _tell(self) -> None:
         """Rows that kernels do not know of; columns that they do not find."""
         self._columns.update()
-        if not (self._bent or self._markers.places):
+        if not (self._sensed or self._markers.places):
             return
         found = self.task.sensed()
-        for index, told in self._bent:
+        for index, told in self._sensed:
             rows: Any = self.known.live.rows[index]
             rows.put(found, told)
         self._told.send()

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,15 @@ from multirod.validation import FloatArray, index_of, refuse
 
 
 class Sensed(Protocol):
-    """A sensor."""
+    """A sensor.
+
+    Attributes:
+        rod: Index or name of its rod.
+        quantity: What of the rod it sees, as ``Sensing`` has it.
+    """
 
     rod: int | str
+    quantity: ClassVar[str]
 
     @property
     def places(self) -> FloatArray | None:
@@ -31,11 +37,11 @@ class Along:
     """What an integration said along the rods.
 
     Attributes:
-        curvatures: By rod, curvatures and their columns, as ``Sensing.curvature`` has them.
+        sensed: By quantity and rod, values and their columns, as ``Sensing`` has them.
         poses: By rod, as ``Sensing.poses`` has them.
     """
 
-    curvatures: Mapping[int, tuple[FloatArray, FloatArray]]
+    sensed: Mapping[tuple[str, int], tuple[FloatArray, FloatArray]]
     poses: Mapping[int, PosesSensed]
 
 
@@ -43,7 +49,7 @@ class Along:
 class AlongEvaluation(Evaluation):
     """What one integration says along the rods too, as ``Along`` has it."""
 
-    curvatures: Mapping[int, tuple[FloatArray, FloatArray]]
+    sensed: Mapping[tuple[str, int], tuple[FloatArray, FloatArray]]
     poses: Mapping[int, PosesSensed]
 
     def take(self, instances: Instances) -> Self:
@@ -58,9 +64,9 @@ class AlongEvaluation(Evaluation):
         def joined(values: FloatArray) -> FloatArray:
             return np.concatenate([values[..., :n], values[..., n:] @ columns], axis=-1)
 
-        bent = {rod: (value, joined(by)) for rod, (value, by) in self.curvatures.items()}
+        sensed = {key: (value, joined(by)) for key, (value, by) in self.sensed.items()}
         poses = {rod: replace(each, columns=joined(each.columns)) for rod, each in self.poses.items()}
-        return replace(own, curvatures=bent, poses=poses)
+        return replace(own, sensed=sensed, poses=poses)
 
     def pose_at(self, place: tuple[int, int] | None) -> PosedAt:
         """As said; at a place along a rod too."""
@@ -74,9 +80,9 @@ class AlongEvaluation(Evaluation):
 
 def _taken(found: Along | AlongEvaluation, instances: Instances) -> Along:
     """Copies of those of some instances."""
-    bent = {rod: (np.array(value[instances]), np.array(by[instances])) for rod, (value, by) in found.curvatures.items()}
+    sensed = {key: (np.array(value[instances]), np.array(by[instances])) for key, (value, by) in found.sensed.items()}
     poses = {rod: PosesSensed(*(np.array(own[instances]) for own in vars(each).values())) for rod, each in found.poses.items()}
-    return Along(bent, poses)
+    return Along(sensed, poses)
 
 
 class Places:
@@ -89,7 +95,7 @@ class Places:
 
     Attributes:
         at: Rising arclengths [m], shape (count,).
-        bent: Rods of which curvatures are measured.
+        sensed: Quantities and rods of which they are measured, poses aside.
         posed: Rods of which poses are measured.
 
     Raises:
@@ -99,14 +105,14 @@ class Places:
     def __init__(self, robot: Assembly, inputs: Inputs, sensors: Sequence[Sensed]) -> None:
         every: dict[int, tuple[int, FloatArray]] = {}
         sections = [[section.length for section in rod.sections] for rod in robot.rods]
-        rods: dict[str, set[int]] = {"Curvature": set(), "Pose": set()}
+        seen: set[tuple[str, int]] = set()
         for sensor in sensors:
             if sensor.places is not None:
-                kind = type(sensor).__name__
-                rod = rod_index(f"{kind}.rod", robot, sensor.rod)
-                rods[kind].add(rod)
+                rod = rod_index(f"{type(sensor).__name__}.rod", robot, sensor.rod)
+                seen.add((sensor.quantity, rod))
                 every[id(sensor)] = rod, places_on(sections, inputs.translation, sensor.places, rod)
-        self.bent, self.posed = (tuple(sorted(own)) for own in rods.values())
+        self.sensed = tuple(sorted(key for key in seen if key[0] != "poses"))
+        self.posed = tuple(sorted(rod for quantity, rod in seen if quantity == "poses"))
         self.at: FloatArray = np.unique(np.concatenate([np.zeros(0), *(at for _, at in every.values())]))
         self._found = {key: (rod, _followed(np.searchsorted(self.at, at))) for key, (rod, at) in every.items()}
 
@@ -139,7 +145,7 @@ def _followed(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
 
 
 class AlongTask(Task):
-    """A task whose integrations tell curvatures and poses at some places too, and their columns, where there are any."""
+    """A task whose integrations tell more at some places too, and their columns, where there are any."""
 
     def __init__(self, problem: BoundaryProblem, free: Sequence[str], places: Places) -> None:
         super().__init__(problem, free)
@@ -164,7 +170,7 @@ class AlongTask(Task):
             return found
         along = _taken(self.sensed(), instances)
         if found.failed.any():
-            for values in (*along.curvatures.values(), *(tuple(vars(each).values()) for each in along.poses.values())):
+            for values in (*along.sensed.values(), *(tuple(vars(each).values()) for each in along.poses.values())):
                 for own in values:
                     own[found.failed] = np.nan
         return AlongEvaluation(**vars(found), **vars(along))
@@ -172,5 +178,5 @@ class AlongTask(Task):
     def sensed(self) -> Along:
         """What the last integration said of the places; to be read at once."""
         assert self._pass is not None
-        bent = {rod: self._pass.curvature(self.free, rod) for rod in self._along.bent}
-        return Along(bent, {rod: self._pass.poses(self.free, rod) for rod in self._along.posed})
+        sensed = {(name, rod): getattr(self._pass, name)(self.free, rod) for name, rod in self._along.sensed}
+        return Along(sensed, {rod: self._pass.poses(self.free, rod) for rod in self._along.posed})

@@ -1,16 +1,12 @@
 """Curvatures measured along a rod, such as by gratings in a fibre. Numbers in parentheses: ``docs/estimation.md``."""
 
-from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from multirod import plausibility
-from multirod.batch import Instances, IntArray, take
 from multirod.naming import names_checked
-from multirod.tasks.formulation import Evaluation
-from multirod.tasks.measuring.along import Along, AlongEvaluation, Places
+from multirod.tasks.given import plain
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, refuse
 
@@ -28,6 +24,10 @@ class Curvature:
     Raises:
         ValueError: If places do not rise, values are not as many, or ``sigma`` is not > 0.
     """
+
+    quantity: ClassVar = "curvature"
+    first: ClassVar = 0  # of its components among those of the quantity
+    says: ClassVar = "value"
 
     @names_checked
     def __init__(self, *, at: Numbers, value: Numbers, sigma: Numbers, rod: int | str = 0) -> None:
@@ -63,6 +63,14 @@ class Curvature:
         """Where it is along its rod [m], shape (count,)."""
         return self.at
 
+    def is_plain(self, value: object) -> bool:
+        """Whether what it says at a sample, of one instance, surely is a measurement, as an array."""
+        return plain(value, (len(self.at), self.components))
+
+    def numbers(self, field: str, value: object) -> FloatArray:
+        """What it says at a sample, which may be NaN, (..., count, components); or one NaN for all."""
+        return array(field, value, finite=False)
+
     def shaped(self, field: str, value: FloatArray) -> FloatArray:
         """Values (..., count, components)."""
         result = value[..., None, :] if self._single else value
@@ -74,59 +82,3 @@ class Curvature:
 
     def __repr__(self) -> str:
         return f"Curvature({len(self.at)} places, {self.components} components; batch {self.batch_shape})"
-
-
-@dataclass(frozen=True)
-class CurvatureRows:
-    """The rows of a ``Curvature``, one entry an instance.
-
-    Attributes:
-        value: Shape (b, count, components).
-        weight: One over the deviations, shape (components,).
-        rod: Which rod.
-        places: Which of all sensors' places are its own, indices (count,), or a slice where they follow each other.
-    """
-
-    value: FloatArray
-    weight: FloatArray
-    rod: int
-    places: NDArray[np.intp] | slice
-
-    @property
-    def count(self) -> int:
-        """Rows."""
-        return int(self.value.shape[1] * self.value.shape[2])
-
-    def take(self, instances: Instances) -> Self:
-        """Those of some instances."""
-        return type(self)(self.value[instances], self.weight, self.rod, self.places)
-
-    def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As ``Rows`` say; of what an ``AlongTask`` says."""
-        assert isinstance(found, AlongEvaluation)
-        n = found.residual.shape[1]
-        told: FloatArray = np.empty((len(self.value), self.count, 1 + found.curvatures[self.rod][1].shape[-1]))
-        self.put(found, told)
-        return told[..., 0], told[..., 1 : 1 + n], told[..., 1 + n :]
-
-    def put(self, found: Along | AlongEvaluation, told: FloatArray) -> None:
-        """(14) ``W (h - y)`` and its derivatives by unknowns and by what is freed beside each other into ``told``, (b, m,
-        1 + n + k)."""
-        own, part = told.reshape(*self.value.shape, told.shape[-1]), slice(self.value.shape[2])
-        curvature, columns = found.curvatures[self.rod]
-        np.multiply(self.weight, curvature[:, self.places, part] - self.value, out=own[..., 0])
-        np.multiply(self.weight[:, None], columns[:, self.places, part], out=own[..., 1:])
-
-
-def curvature_rows(
-    sensor: Curvature, places: Places, batch_shape: tuple[int, ...], instances: IntArray | None
-) -> tuple[CurvatureRows, NDArray[np.bool_]]:
-    """The rows of a sensor, NaN replaced, and which of them were no NaN."""
-    return filled(sensor, places, np.asarray(take(sensor.value, batch_shape, instances, tail=2)))
-
-
-def filled(sensor: Curvature, places: Places, value: FloatArray) -> tuple[CurvatureRows, NDArray[np.bool_]]:
-    """The same of other values, (b, count, components)."""
-    known = np.isfinite(value)
-    rows = CurvatureRows(np.where(known, value, 0.0), 1 / sensor.sigma, *places.of(sensor))
-    return rows, known.reshape(len(value), -1)

@@ -17,11 +17,11 @@ from multirod.rotations import refuse_unturned
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.given import TURNED, plain, turned
 from multirod.tasks.measuring.along import AlongTask, Places
-from multirod.tasks.measuring.curvature import Curvature, CurvatureRows, curvature_rows, filled
+from multirod.tasks.measuring.along_rows import AlongRows, AlongSensor, along_rows, filled
 from multirod.tasks.rows import PARTS, Pose, PoseRows, of_what_is_there
 from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, refuse
 
-Sensor = Pose | Curvature
+Sensor = Pose | AlongSensor
 EYE = np.eye(3)
 TOLD = ("position", "rotation", "axis")  # at each sample; across which direction a position counts stays
 MOST_ROWS = 6  # of a pose
@@ -46,13 +46,13 @@ class Measured:
         self, sensors: Sequence[Sensor], places: Places, batch_shape: tuple[int, ...], instances: IntArray | None
     ) -> None:
         self.places = places
-        pairs: list[tuple[PoseRows | CurvatureRows, NDArray[np.bool_]]] = [
-            curvature_rows(sensor, places, batch_shape, instances)
-            if isinstance(sensor, Curvature)
+        pairs: list[tuple[PoseRows | AlongRows, NDArray[np.bool_]]] = [
+            along_rows(sensor, places, batch_shape, instances)
+            if isinstance(sensor, AlongSensor)
             else _filled(replace(sensor.rows(1.0, batch_shape, instances), place=places.one(sensor)))
             for sensor in sensors
         ]
-        self.rows: list[PoseRows | CurvatureRows] = [rows for rows, _ in pairs]
+        self.rows: list[PoseRows | AlongRows] = [rows for rows, _ in pairs]
         self.known: NDArray[np.bool_] = np.concatenate([known for _, known in pairs], axis=1)
         self.ends = np.cumsum([known.shape[1] for _, known in pairs])
         self.missing = self._missing()
@@ -100,13 +100,13 @@ class Measured:
         return joined[0], joined[1], joined[2]
 
 
-def _gone(k: int, rows: PoseRows | CurvatureRows, known: NDArray[np.bool_]) -> list[str]:
+def _gone(k: int, rows: PoseRows | AlongRows, known: NDArray[np.bool_]) -> list[str]:
     """What sensor ``k`` does not say, of its rows (m,) that are known."""
     if known.all():
         return []
     if not known.any():
         return [f"sensor {k}"]
-    if isinstance(rows, CurvatureRows):
+    if isinstance(rows, AlongRows):
         return [f"{np.count_nonzero(~known)} of {len(known)} numbers of sensor {k}"]
     count = rows.position_rows
     if count == 3 and known[:3].any():
@@ -253,15 +253,16 @@ class Live(Measured):
         if value is None:
             return np.zeros(sensor.count, dtype=bool)
         if isinstance(value, Sensor):
-            says = "value" if isinstance(sensor, Curvature) else ", ".join(self._names[k])
+            says = sensor.says if isinstance(sensor, AlongSensor) else ", ".join(self._names[k])
             where = "what the sensor is, and its sigma, were said once, by sensors="
             refuse(f"measured[{k}]", value, f"must be the numbers alone that it says now, its {says}: {where}")
-        if isinstance(sensor, Curvature):
-            tail, bent = (len(sensor.at), sensor.components), self.rows[k]
-            if not self._batch_shape and isinstance(bent, CurvatureRows) and plain(value, tail):
-                bent.value[0] = cast(ArrayLike, value)
+        if isinstance(sensor, AlongSensor):
+            tail, rows = (len(sensor.at), sensor.components), self.rows[k]
+            if not self._batch_shape and isinstance(rows, AlongRows) and sensor.is_plain(value):
+                rows.value[0] = cast(ArrayLike, value)
                 return None
-            self.rows[k], known = filled(sensor, self.places, self._numbers(f"measured[{k}]", value, tail))
+            field = f"measured[{k}]"
+            self.rows[k], known = filled(sensor, self.places, self._numbers(field, sensor.numbers(field, value), tail))
             return None if known.all() else known
         names = self._names[k]
         parts = (value,) if len(names) == 1 else value

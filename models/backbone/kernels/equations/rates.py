@@ -297,4 +297,31 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 keep_in(f, j, part_of(f, j) + growth * row(memory, a + wp.static(RATE_AT + j)))
         return f
 
-    return SimpleNamespace(base_rates=base_rates, column_rates=column_rates, put_own=law.put_own, spring=acting.spring)
+    @wp.func
+    def carried(memory: memory_type, a: int):
+        """Force and moment that all rods carry at a place, along the axes of the base."""
+        frame = frame_at(memory, a)
+        n = rotate(frame, row3(memory, a + wp.static(FORCE_AT)))
+        return n, rotate(frame, row3(memory, a + wp.static(MOMENT_AT)))
+
+    @wp.func
+    def carried_variation(memory: memory_type, z: int, a: int, g: int, v: Column):
+        """(D25) of docs/derivatives.md: how both vary with a column."""
+        dn = zero3()
+        dm = zero3()
+        if wp.static(WORLD_STATE):
+            dn = part3_of(v, wp.static(DWORLD_AT))
+        elif wp.static(GIVEN_FORCE):
+            dn = force_variation(memory, z, g, row(memory, a + wp.static(X)))
+        if wp.static(FIXED):
+            dm = part3_of(v, wp.static(DM_AT))
+        elif wp.static(MOMENT):
+            frame = frame_at(memory, a)
+            dphi = body_rotation(frame, part3_of(v, wp.static(DQ_AT)), part_of(v, wp.static(DQ_AT + 3)))
+            dm = rotate(frame, ahead_cross(part3_of(v, wp.static(DM_AT)), dphi, row3(memory, a + wp.static(MOMENT_AT))))
+        return dn, dm
+
+    along = SimpleNamespace(wrench=carried, variation=carried_variation) if layout.features.along else None
+    return SimpleNamespace(
+        base_rates=base_rates, column_rates=column_rates, put_own=law.put_own, spring=acting.spring, along=along
+    )

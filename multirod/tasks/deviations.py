@@ -1,0 +1,31 @@
+"""Standard deviations of what is measured, as users give them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from multirod.validation import FloatArray, array, refuse
+
+ONE_OR_THREE = ("one number", "one number, or three along the axes of the world")
+
+
+def deviations(field: str, value: object, parts: Sequence[tuple[str, int, bool]]) -> FloatArray:
+    """Standard deviations of each row, (m,), of one or two parts: each what it is of, its rows, and whether it has three."""
+    if len(parts) == 1:
+        said, _, each = parts[0]
+        message = f"must be one number: of {said}{', or three along the axes of the world' if each else ''}"
+        given: list[object] = [value]
+    else:
+        message = f"must be a pair: of {' and of '.join(said for said, _, _ in parts)}"
+        given = list(value) if isinstance(value, (tuple, list, np.ndarray)) and np.ndim(value[:1]) else []
+        if len(given) != 2:
+            refuse(field, value, message)
+    result = []
+    for (said, rows, each), own in zip(parts, given, strict=True):
+        found = array(field, own, finite=False)
+        if found.shape not in ((), (1,), *([(3,)] if each else [])):
+            refuse(field, value, message if len(parts) == 1 else f"{message}; of {said} " + ONE_OR_THREE[each])
+        if not ((found > 0) & np.isfinite(found)).all():
+            refuse(field, value, "must be finite and > 0")
+        result.append(np.broadcast_to(found, (rows,)))
+    return np.concatenate(result)
