@@ -275,6 +275,7 @@ def test_a_multibackbone_is_checked():
     refused("multibackbone.rods = .* give one at least", rods=[], offsets=np.zeros((0, 2)))
     refused("multibackbone.hole = 'clamped' is not allowed", hole="clamped")
     refused(r"multibackbone.rods\[0\] = 3 is not allowed: must be a Rod", TypeError, rods=[3])
+    refused(r"multibackbone.rods = Rod.* must be a list of Rod, one for each pair of offsets$", TypeError, rods=rod)
     robot = mr.multibackbone(rod, [rod] * 2, offsets=[(0.004, 0), (0, 0.004)], discs=3, disc_mass=0.001)
     assert repr(robot) == "Network(5 rods, 3 bodies, 14 joints, end effector 'disc 3')"
 

@@ -52,9 +52,11 @@ def multibackbone(
     Raises:
         ValueError: If there is no disc or rod, a rod is not as long as the backbone, offsets are not one pair for each rod, or
             ``Network`` refuses a rod.
-        TypeError: If a rod is no ``Rod``.
+        TypeError: If a rod is no ``Rod``, or ``rods`` no list of them.
     """
     count = positive_int("multibackbone.discs", discs)
+    if not isinstance(rods, (list, tuple)):
+        raise TypeError(f"multibackbone.rods = {rods!r} is not allowed: must be a list of Rod, one for each pair of offsets")
     for k, rod in enumerate((backbone, *rods)):
         if not isinstance(rod, Rod):
             name = f"rods[{k - 1}]" if k else "backbone"

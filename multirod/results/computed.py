@@ -262,7 +262,7 @@ class Computed(Found[Robot_co]):
 
     def _lines(self) -> "list[tuple[int, Line]]":
         if not self.assembly.lines:
-            raise AttributeError("no rod has lines")
+            raise AttributeError("no rod has lines; what a rod itself pulls or pushes with at an end is wrench(rod)")
         return self.assembly.lines
 
     @contextmanager

@@ -103,7 +103,8 @@ def reach(
     if not target.ordinary:
         plausibility.of_place("target.position", target.position)
         if not target.whole:
-            refuse("target", target, "must be finite: NaN is for a measurement that is missing")
+            says = "must be finite: NaN is for a measurement that is missing"
+            refuse("target", target, f"{says}; anywhere along a direction is Pose(position=..., across=direction)")
     if target.measures or target.at is not None:
         refuse("target", target, "must be without sigma, covariance and at, which are of measurements")
     if guess is not None:
