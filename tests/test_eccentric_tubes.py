@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize, root
 
 import multirod as mr
+from multirod.results.differentiable import Equilibrium
 from multirod.testing import check_assembly
 
 FINE = mr.Shooting(integrator=mr.RK45(1e-11, 1e-12))
@@ -266,3 +267,10 @@ def test_refused_inputs(robot):
         robot.inputs(translation=(0, 0.01))
     with pytest.raises((TypeError, ValueError), match="gravity"):
         robot.inputs(gravity=(0, 0, -9.81))
+
+
+def test_stiffnesses_that_come_later_are_checked_too(robot):
+    """Where tubes are functions of their stiffnesses, those that differ between the axes would be taken for the first."""
+    given = np.array([[[0.02, 0.02]], [[0.05, 0.04]]])
+    with pytest.raises(ValueError, match=r"EccentricTubes.tubes\[1\] .* must be the same about both axes"):
+        Equilibrium(robot, "tip_position", robot.inputs(**BASE), None, None).solve({"bending_stiffness": given})

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Self, Unpack
 
 import numpy as np
 
@@ -89,6 +89,11 @@ class EccentricTubes(BackboneAssembly):
     def backbones(self) -> tuple[Backbone, ...]:
         """Not told: of tubes side by side ``rod(k)`` has not what guides hold."""
         raise NotImplementedError("what tubes side by side do to their plate together is not told; base_torque is, of each")
+
+    def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
+        for k, tube in enumerate(rods):
+            _check(f"EccentricTubes.tubes[{k}]", tube)
+        return super().with_rods(rods)
 
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         refuse_behind_plate(inputs, self.rods)
