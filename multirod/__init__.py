@@ -79,6 +79,7 @@ if _typing.TYPE_CHECKING:
     from multirod.tasks.limits import Limits
     from multirod.tasks.measuring.curvature import Curvature
     from multirod.tasks.measuring.force_torque import ForceTorque
+    from multirod.tasks.measuring.tension import Tension
     from multirod.tasks.reaching.reach import reach
     from multirod.tasks.reaching.reached import Reached
     from multirod.tasks.rows import Pose
@@ -150,6 +151,7 @@ __all__ = [
     "Study",
     "Tableau",
     "Tendon",
+    "Tension",
     "Term",
     "Track",
     "Tracker",
@@ -219,6 +221,7 @@ _PUBLIC = {
     "tasks.estimating.calibrate": "Calibration calibrate",
     "tasks.measuring.curvature": "Curvature",
     "tasks.measuring.force_torque": "ForceTorque",
+    "tasks.measuring.tension": "Tension",
     "tasks.estimating.estimate": "Estimate estimate",
     "tasks.estimating.estimator": "Estimator",
     "tasks.estimating.priors": "Prior Walk",

@@ -76,7 +76,10 @@ OF_PACKAGE = {
     **dict.fromkeys(("plot", "save", "show"), "that of what was solved, solution.plot()"),
     **dict.fromkeys(("snap", "snaps", "buckling"), "mr.critical_loads(robot, inputs), or solution.stability and events"),
     **dict.fromkeys(("Sensor", "Marker", "Camera"), "mr.Pose(position=..., at=..., sigma=...), or mr.Curvature(...)"),
-    **dict.fromkeys(("LoadCell", "ForceSensor", "TorqueSensor"), "mr.ForceTorque(force=..., moment=..., sigma=...)"),
+    **dict.fromkeys(
+        ("LoadCell", "ForceSensor", "TorqueSensor"),
+        "mr.ForceTorque(force=..., moment=..., sigma=...), or mr.Tension(...) of lines",
+    ),
     **dict.fromkeys(("monte_carlo", "montecarlo"), "mr.solve of a robot whose rods have numbers with leading axes"),
 }  # what attributes of the package are called elsewhere
 

@@ -1,4 +1,4 @@
-"""Loads from what force/torque sensors say where rods are held: ``docs/estimation.md``, (21)."""
+"""Loads from what force/torque sensors say where rods are held: ``docs/estimation.md``, (22)."""
 
 import numpy as np
 import pytest

@@ -214,7 +214,8 @@ def calibrate(
             ``base`` or several (``Calibration`` says what their numbers are), or with a ``Prior`` for each: its mean is what the
             robot has, and of the first four its ``sigma`` is relative. Those in a tuple share one factor, of all rods:
             ``[("bending_stiffness", "torsional_stiffness"), "precurvature"]`` fits a common modulus.
-        measured: ``Pose``, ``Curvature``, ``ForceTorque``, or several, each with ``sigma``; leading axes as those of ``inputs``.
+        measured: ``Pose``, ``Curvature``, ``ForceTorque``, ``Tension``, or several, each with ``sigma``; leading axes as those
+            of ``inputs``.
         unknown: Names of inputs that nobody knows, such as ``tip_force``: of each shape they are found beside the parameters,
             from where ``inputs`` have them. None that the robot limits, as it does tensions; 2000 numbers in all.
         solver: That finds the equilibria of the robot as it is; its integrator and tolerance are used.

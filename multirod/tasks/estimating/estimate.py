@@ -228,8 +228,8 @@ def estimate(
         robot: The assembly.
         inputs: What is known of the others, made by ``robot.inputs(...)``; none are all zero.
         unknown: What is to be estimated: inputs by name, each with its ``Prior``.
-        measured: ``Pose``, ``Curvature``, ``ForceTorque``, or several, each with ``sigma``. What is NaN is gone without, and
-            ``missing`` says so.
+        measured: ``Pose``, ``Curvature``, ``ForceTorque``, ``Tension``, or several, each with ``sigma``. What is NaN is gone
+            without, and ``missing`` says so.
         solver: That finds the equilibrium at the priors' means, where it begins; its integrator and tolerance are used.
         guess: Where to begin instead: a solution, or unknowns (..., n), at the priors' means.
         max_iterations: Steps allowed.

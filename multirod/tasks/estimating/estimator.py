@@ -40,8 +40,8 @@ class Estimator(Uncopied, Generic[Robot_co]):
         robot: The assembly.
         dt: Time between samples [s].
         unknown: What is to be estimated: inputs by name, each with its ``Walk``.
-        sensors: What is measured at each sample: ``Pose``, ``Curvature``, ``ForceTorque``, or several, each with ``sigma``; what
-            was measured in them is not used.
+        sensors: What is measured at each sample: ``Pose``, ``Curvature``, ``ForceTorque``, ``Tension``, or several, each with
+            ``sigma``; what was measured in them is not used.
         inputs: What is known of the others at the start; their batch axes are kept.
         gate: What part of sound measurements is let through, from 0.5 to below 1, such as 0.999: what a sensor says that is
             farther from what was expected than that is an outlier, and left out (``rejected``). None lets everything through.

@@ -1,4 +1,4 @@
-"""What sensors along the rods are told by: one integration, at the places of all of them."""
+"""What sensors along the rods and of their lines are told by: one integration, at the places of all of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +13,7 @@ from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem, PosesSensed
 from multirod.results.derivatives import places_on
 from multirod.tasks.formulation import Evaluation, PosedAt, Task
+from multirod.tasks.measuring.tension import Tension, line_indices
 from multirod.validation import FloatArray, index_of, refuse
 
 
@@ -97,17 +98,21 @@ class Places:
         at: Rising arclengths [m], shape (count,).
         sensed: Quantities and rods of which they are measured, poses aside.
         posed: Rods of which poses are measured.
+        on_lines: Whether tensions are measured.
 
     Raises:
-        ValueError: If there is no such rod, or a place is not on it.
+        ValueError: If there is no such rod or line, or a place is not on it.
     """
 
     def __init__(self, robot: Assembly, inputs: Inputs, sensors: Sequence[Sensed]) -> None:
         every: dict[int, tuple[int, FloatArray]] = {}
         sections = [[section.length for section in rod.sections] for rod in robot.rods]
         seen: set[tuple[str, int]] = set()
+        own_lines: dict[int, list[int]] = {}
         for sensor in sensors:
-            if sensor.places is not None:
+            if isinstance(sensor, Tension):
+                own_lines[id(sensor)] = line_indices(sensor, [line.name for _, line in robot.lines])
+            elif sensor.places is not None:
                 rod = rod_index(f"{type(sensor).__name__}.rod", robot, sensor.rod)
                 seen.add((sensor.quantity, rod))
                 every[id(sensor)] = rod, places_on(sections, inputs.translation, sensor.places, rod)
@@ -115,9 +120,11 @@ class Places:
         self.posed = tuple(sorted(rod for quantity, rod in seen if quantity == "poses"))
         self.at: FloatArray = np.unique(np.concatenate([np.zeros(0), *(at for _, at in every.values())]))
         self._found = {key: (rod, _followed(np.searchsorted(self.at, at))) for key, (rod, at) in every.items()}
+        self._found |= {key: (0, _followed(np.array(own, dtype=np.intp))) for key, own in own_lines.items()}
+        self.on_lines = bool(own_lines)
 
     def of(self, sensor: Sensed) -> tuple[int, NDArray[np.intp] | slice]:
-        """The rod of a sensor, and which of all places are its own."""
+        """The rod of a sensor, and which of all places are its own; of tensions 0, and which lines."""
         return self._found[id(sensor)]
 
     def one(self, sensor: Sensed) -> tuple[int, int] | None:
@@ -139,9 +146,9 @@ def rod_index(field: str, robot: Assembly, rod: int | str) -> int:
 
 
 def _followed(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
-    """Rising indices as a slice, which is read sooner, where they follow each other."""
-    first, last = int(places[0]), int(places[-1])
-    return slice(first, last + 1) if last - first + 1 == len(places) else places
+    """Indices as a slice, which is read sooner, where they follow each other."""
+    first = int(places[0])
+    return slice(first, first + len(places)) if (np.diff(places) == 1).all() else places
 
 
 class AlongTask(Task):
@@ -166,7 +173,7 @@ class AlongTask(Task):
     def last(self, instances: NDArray[np.intp] | slice = slice(None)) -> Evaluation:
         """What the last integration said of some instances."""
         found = super().last(instances)
-        if self._pass is None:
+        if self._pass is None and not self._along.on_lines:
             return found
         along = _taken(self.sensed(), instances)
         if found.failed.any():
@@ -177,6 +184,13 @@ class AlongTask(Task):
 
     def sensed(self) -> Along:
         """What the last integration said of the places; to be read at once."""
-        assert self._pass is not None
-        sensed = {(name, rod): getattr(self._pass, name)(self.free, rod) for name, rod in self._along.sensed}
-        return Along(sensed, {rod: self._pass.poses(self.free, rod) for rod in self._along.posed})
+        sensed: dict[tuple[str, int], tuple[FloatArray, FloatArray]] = {}
+        poses: dict[int, PosesSensed] = {}
+        if self._pass is not None:
+            sensed = {(name, rod): getattr(self._pass, name)(self.free, rod) for name, rod in self._along.sensed}
+            poses = {rod: self._pass.poses(self.free, rod) for rod in self._along.posed}
+        if self._along.on_lines:
+            lines = self.problem.lines
+            assert lines is not None  # as a robot with lines has
+            sensed["tension", 0] = lines.tension()[..., None], lines.tension_columns(*self.free)[:, :, None]
+        return Along(sensed, poses)

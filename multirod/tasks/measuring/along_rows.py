@@ -1,4 +1,4 @@
-"""Rows of what is measured along rods, told by an ``AlongTask``. Numbers in parentheses: ``docs/estimation.md``."""
+"""Rows of what is measured along rods and of lines, told by an ``AlongTask``. Numbers in parentheses: ``docs/estimation.md``."""
 
 from dataclasses import dataclass, replace
 from typing import Self, TypeAlias
@@ -11,9 +11,10 @@ from multirod.tasks.formulation import Evaluation
 from multirod.tasks.measuring.along import Along, AlongEvaluation, Places
 from multirod.tasks.measuring.curvature import Curvature
 from multirod.tasks.measuring.force_torque import ForceTorque
+from multirod.tasks.measuring.tension import Tension
 from multirod.validation import FloatArray
 
-AlongSensor: TypeAlias = Curvature | ForceTorque
+AlongSensor: TypeAlias = Curvature | ForceTorque | Tension
 
 
 @dataclass(frozen=True)
@@ -22,9 +23,9 @@ class AlongRows:
 
     Attributes:
         value: Shape (b, count, components).
-        weight: One over the deviations, shape (components,).
+        weight: One over the deviations, shape (components,), or (count, components).
         told: What of, and which rod.
-        places: Which of all sensors' places are its own, indices (count,), or a slice where they follow each other.
+        places: Which of all sensors' places, or of all lines, are its own, indices (count,), or a slice where they follow.
         first: Of its components among those of what is told.
     """
 
@@ -52,13 +53,13 @@ class AlongRows:
         return rows[..., 0], rows[..., 1 : 1 + n], rows[..., 1 + n :]
 
     def put(self, found: Along | AlongEvaluation, rows: FloatArray) -> None:
-        """(14), (21) ``W (h - y)`` and its derivatives by unknowns and by what is freed beside each other into ``rows``, (b, m,
+        """(14), (22), (23) ``W (h - y)`` and its derivatives by unknowns and by what is freed beside each other into ``rows``, (b, m,
         1 + n + k)."""
         own = rows.reshape(*self.value.shape, rows.shape[-1])
         part = slice(self.first, self.first + self.value.shape[2])
         value, columns = found.sensed[self.told]
         np.multiply(self.weight, value[:, self.places, part] - self.value, out=own[..., 0])
-        np.multiply(self.weight[:, None], columns[:, self.places, part], out=own[..., 1:])
+        np.multiply(self.weight[..., None], columns[:, self.places, part], out=own[..., 1:])
 
 
 def along_rows(

@@ -127,7 +127,7 @@ def checked(field: str, measured: object) -> tuple[Sensor, ...]:
     """
     given = (measured,) if isinstance(measured, Sensor) else measured
     if not isinstance(given, (list, tuple)) or not given or not all(isinstance(item, Sensor) for item in given):
-        says = "Pose(position=p, rotation=R, sigma=(5e-4, 5e-3)), Curvature or ForceTorque"
+        says = "Pose(position=p, rotation=R, sigma=(5e-4, 5e-3)), Curvature, ForceTorque or Tension"
         raise TypeError(f"{field} must be measurements, such as {says}, or a list of these")
     for k, item in enumerate(given):
         if isinstance(item, Pose):
