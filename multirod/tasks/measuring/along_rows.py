@@ -53,8 +53,8 @@ class AlongRows:
         return rows[..., 0], rows[..., 1 : 1 + n], rows[..., 1 + n :]
 
     def put(self, found: Along | AlongEvaluation, rows: FloatArray) -> None:
-        """(14), (22), (23) ``W (h - y)`` and its derivatives by unknowns and by what is freed beside each other into ``rows``, (b, m,
-        1 + n + k)."""
+        """(14), (22), (23) ``W (h - y)`` and its derivatives by unknowns and by what is freed beside each other into ``rows``,
+        (b, m, 1 + n + k)."""
         own = rows.reshape(*self.value.shape, rows.shape[-1])
         part = slice(self.first, self.first + self.value.shape[2])
         value, columns = found.sensed[self.told]
