@@ -235,6 +235,29 @@ def test_random_tubes_miss_none_that_is_known_of():
         assert np.linalg.norm(found.unknowns - chosen.unknowns, axis=1).min() < 1e-4
 
 
+def test_what_rounding_keeps_from_the_tolerance_is_no_equilibrium_of_a_list(monkeypatch):
+    """Branches come by what the integrator's noise hides, which Newton's method may not lead on from."""
+    study = import_module("multirod.studies.equilibria")
+    robot = strongly_curved(6.0)
+    inputs = robot.inputs(rotation=(0, 2.0))
+    whole = mr.equilibria(robot, inputs)
+    lost = 1
+
+    def losing(*arguments, guess, **options):
+        guess[:lost] = 1e12
+        return mr.solve(*arguments, guess=guess, **options)
+
+    monkeypatch.setattr(study, "solve", losing)
+    with pytest.warns(mr.IncompleteWarning, match="missing at least"):
+        found = mr.equilibria(robot, inputs)
+    assert len(found.status) == len(whole.status) - 1
+    assert not found.failed.any()
+    assert found.missing == abs(degree(found) - 1) == 1
+    lost = None
+    with pytest.raises(mr.SolveError, match="no equilibrium was found within the tolerance: loosen"):
+        mr.equilibria(robot, inputs)
+
+
 def test_a_buckled_rod_has_three():
     """Between the critical loads of its two axes: straight, and bent to either side."""
     robot = mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=(1.0, 1.5), torsional_stiffness=0.8))

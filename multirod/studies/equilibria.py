@@ -173,9 +173,13 @@ def equilibria(
     inputs = _repeated(inputs, len(catalogue.unknowns))
     found = solve(robot, inputs, solver=method, guess=np.array(catalogue.unknowns), device=device)
     chosen = np.array(_different(found))
+    chosen = chosen[~failures(found.status[chosen])]  # rounding may keep what a branch came by from the tolerance
+    if not len(chosen):
+        raise SolveError("no equilibrium was found within the tolerance: loosen the solver's tolerance")
+    found = found[chosen]
     energy = found.potential if np.isfinite(found.potential).all() else found.energy
-    chosen = chosen[np.argsort(energy[chosen], kind="stable")]
-    result = Equilibria.of(found[chosen], catalogue.degree, np.isin(chosen, list(catalogue.curves)))
+    order = np.argsort(energy, kind="stable")
+    result = Equilibria.of(found[order], catalogue.degree, np.isin(chosen[order], list(catalogue.curves)))
     if result.missing:
         warn(
             f"{result.missing} equilibria are missing at least, by the signs of those found; raise starts, or give a solver with "
