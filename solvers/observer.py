@@ -53,7 +53,8 @@ class Observer(Solver):
             own part of Gamma only and can be unstable.
         scaling: The variables in which R, Q and P0 are meant. ``"none"``: those of the problem; ``"equilibrated"``: those in
             which the largest entry of each row and column of Gamma is 1; ``"newton"``: those in which Gamma is the identity, so
-            that all modes decay at the same rate, sqrt(R Q). None is ``"none"``, and ``"newton"`` of networks.
+            that all modes decay at the same rate, sqrt(R Q). None is ``"none"``, and ``"newton"`` of networks and where tips are
+            held, as of legs on a platform.
         riccati: ``"steady"``: the steady state at the present Gamma; ``"forward"``: integrated from ``P0`` in time;
             ``"horizon"``: backward over ``horizon`` from ``P0`` at the present Gamma, as the paper's text has it.
         horizon: [s].
@@ -172,8 +173,9 @@ class ObserverTrack(SampledTrack):
 
     def __init__(self, options: Observer, problem: BoundaryProblem, dt: float) -> None:
         natural = problem.natural_gamma
-        if options.scaling is None:
-            options = replace(options, scaling="none" if natural is None else "newton")
+        if options.scaling is None:  # rods whose tips are held are stiff along themselves: singular values are decades apart
+            spread = natural is not None or len(problem.held_forces) > 0
+            options = replace(options, scaling="newton" if spread else "none")
         self.options = options
         self.problem = problem
         n, count, device = problem.unknown_count, problem.instance_count, problem.device
