@@ -238,7 +238,7 @@ class BackboneProblem(BoundaryProblem):
     def shapes(self) -> BackboneShapes:  # noqa: D102
         return BackboneShapes(self)
 
-    @property
+    @cached_property
     def lines(self) -> DrivenLines:  # noqa: D102
         return DrivenLines(self)
 

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -13,7 +14,7 @@ from multirod.models.backbone.members.giving_way import least_stiffness
 from multirod.models.backbone.members.line_kinds import Chamber
 from multirod.models.backbone.members.lines import Line
 from multirod.models.backbone.members.member import Member
-from multirod.validation import FloatArray
+from multirod.validation import FloatArray, frozen
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
@@ -62,10 +63,9 @@ class DrivenLines(Lines):
         along = problem.directions.numpy()[:, : problem.direction_count, drives][:, :, drive_places(problem.features.members)]
         result[:, :, n:] = np.swapaxes(along, 1, 2) * self.weights()[..., None]
         first = problem.slots.places["drives"].start
-        for j, (k, (lever, unknown)) in enumerate(self._conditions().items()):
-            unit = problem.each(problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
+        for j, (k, unknown) in enumerate(self._conditions().items()):
             result[:, k, n:] = 0.0
-            result[:, k, first + j] = np.where(self._driven[k][0].slackens & (unknown < 0), 0.0, unit)
+            result[:, k, first + j] = np.where(self._driven[k][0].slackens & (unknown < 0), 0.0, self._units[k])
         return self._at_unknowns(names, result)
 
     def _at_unknowns(self, names: Sequence[str], columns: FloatArray) -> FloatArray:
@@ -82,15 +82,15 @@ class DrivenLines(Lines):
 
     def tension(self) -> FloatArray:  # noqa: D102
         result = self._inputs() * self.weights() + 0.0  # what is not filled pulls with 0, not with -0
-        for k, (lever, unknown) in self._conditions().items():
-            unit = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
+        rounding = self._rounding()
+        for k, unknown in self._conditions().items():
             slackens = self._driven[k][0].slackens
-            result[:, k] = unit * (positive_part(unknown, self._rounding()) if slackens else unknown)
+            result[:, k] = self._units[k] * (positive_part(unknown, rounding) if slackens else unknown)
         return result
 
     def slack(self) -> NDArray[np.bool_]:  # noqa: D102
         result = np.zeros((self.problem.instance_count, len(self._driven)), dtype=bool)
-        for k, (_, unknown) in self._conditions().items():
+        for k, unknown in self._conditions().items():
             result[:, k] = self._driven[k][0].slackens & (unknown < 0)
         return result
 
@@ -128,7 +128,7 @@ class DrivenLines(Lines):
         All are, a little, on the way to the load, (L8b).
         """
         rounded = self._rounding() > 0
-        held = [(unknown > 0) | rounded | (not self._driven[k][0].slackens) for k, (_, unknown) in self._conditions().items()]
+        held = [(unknown > 0) | rounded | (not self._driven[k][0].slackens) for k, unknown in self._conditions().items()]
         return np.stack(held, axis=1)
 
     def tension_rates(self) -> tuple[FloatArray, FloatArray]:
@@ -137,7 +137,7 @@ class DrivenLines(Lines):
         condition_count)."""
         shape = (self.problem.instance_count, len(self._conditions()))
         stiffness, rate, mu = np.empty(shape), np.ones(shape), self._rounding()
-        for row, (k, (_, unknown)) in enumerate(self._conditions().items()):
+        for row, (k, unknown) in enumerate(self._conditions().items()):
             stiffness[:, row] = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1))
             if self._driven[k][0].slackens:
                 size = np.sqrt(unknown**2 + mu**2)
@@ -148,12 +148,12 @@ class DrivenLines(Lines):
         """What lines that are driven by their length store, less what their tensions would do if they were given [J], shape
         (instance_count,); ``length`` is that of each (instance_count, count)."""
         tension, total, mu = self.tension(), np.zeros(self.problem.instance_count), self._rounding()
-        for k, (lever, unknown) in self._conditions().items():
+        for k, unknown in self._conditions().items():
             compliance, natural = np.moveaxis(self.problem.each(self._driven[k][1][:, 0, 1 - len(CONDITION) :][:, :2]), -1, 0)
             total += tension[:, k] * (compliance * tension[:, k] / 2 - length[:, k])
             if self._driven[k][0].slackens and mu.any():
-                unit = self.problem.each(self.problem.arrays.material[:, self._driven_rods[k], 0, :2].max(axis=-1) / lever)
-                total += unit * (natural * self.problem.each(lever) + compliance * unit) * rounded_energy(unknown, mu)
+                unit, lever = self._units[k], self.problem.each(self._lever(k))
+                total += unit * (natural * lever + compliance * unit) * rounded_energy(unknown, mu)
         return total
 
     def _rounding(self) -> FloatArray:
@@ -232,23 +232,43 @@ class DrivenLines(Lines):
 
     def weights(self) -> FloatArray:
         """What the length of each is multiplied by in what its drive works on, shape (instance_count, count)."""
+        return self._weights
+
+    @cached_property
+    def _weights(self) -> FloatArray:
         found = np.ones((self.problem.instance_count, len(self._driven)))
         for k, (kind, own) in enumerate(self._driven):
             if "weight" in kind.parameters:
                 values = own[..., list(kind.parameters).index("weight")]
                 largest = np.argmax(np.abs(values), axis=1)
                 found[:, k] = self.problem.each(np.take_along_axis(values, largest[:, None], axis=1)[:, 0])
-        return found
+        return frozen(found)
 
-    def _conditions(self) -> dict[int, tuple[FloatArray, FloatArray]]:
-        """Of those whose drive is unknown: lever [m] (batch,), and the unknown [1/m] (instance_count,)."""
-        numbers = [k for k, (kind, _) in enumerate(self._driven) if kind.conditioned]
+    @cached_property
+    def _conditioned(self) -> list[int]:
+        """Those whose drive is unknown."""
+        return [k for k, (kind, _) in enumerate(self._driven) if kind.conditioned]
+
+    def _conditions(self) -> dict[int, FloatArray]:
+        """Of these the unknowns [1/m], (instance_count,)."""
         unknowns = self.problem.read("unknowns")[:, self.problem.slots.places["drives"]]
-        return {k: (self._driven[k][1][:, 0, -len(CONDITION)], unknowns[:, row]) for row, k in enumerate(numbers)}
+        return {k: unknowns[:, row] for row, k in enumerate(self._conditioned)}
+
+    def _lever(self, k: int) -> FloatArray:
+        """Of one of these [m], (batch,)."""
+        return np.asarray(self._driven[k][1][:, 0, -len(CONDITION)])
+
+    @cached_property
+    def _units(self) -> dict[int, FloatArray]:
+        """(L7) Tension of each of these by its unknown [N m], (instance_count,)."""
+        stiffness = self.problem.arrays.material[:, :, 0, :2].max(axis=-1)
+        return {k: self.problem.each(stiffness[:, self._driven_rods[k]] / self._lever(k)) for k in self._conditioned}
 
 
 def positive_part(z: FloatArray, mu: FloatArray) -> FloatArray:
     """(L8b) max(z, 0)"""
+    if not mu.any():
+        return np.maximum(z, 0.0)
     return np.asarray(np.where(mu > 0, (z + np.sqrt(z * z + mu * mu) - mu) / 2, np.maximum(z, 0.0)))
 
 
