@@ -281,6 +281,7 @@ def make_descent(feed_forward: bool):
             least = find_least(state, t)
             known = True
         state.margin[t] = least / state.stiffness[t]
+        near = least < enough  # of the margin rounding may leave less than the threshold
         newton(state, t)
         for side in range(wp.static(1 + int(feed_forward))):
             radius = state.radius
@@ -324,7 +325,7 @@ def make_descent(feed_forward: bool):
                 state.unknowns[t, i] = x
         status = int(wp.static(int(Status.TRACKING)))
         far = length_of(state, t, 0) >= f64(wp.static(LARGE)) * state.radius or wp.min(part, ahead) < f64(1.0)
-        if state.margin[t] < state.fold_threshold[t] or far:
+        if near or far:
             status = int(wp.static(int(Status.NEAR_FOLD)))
         state.status[t] = status
 
