@@ -22,6 +22,7 @@ PICTURES = {
         "plot_hexapod": "loaded.plot()",
         "plot_hexapod_moment": 'loaded.plot("moment")',
         "plot_family": 'batch.plot(colour_by=force, colour_label="tip force along x [N]")',
+        "plot_tips": 'reached.plot("tips", colour_by=pushed[:, 0], colour_label="inner tube [m]")',
         "plot_history": "history.plot()",
         "plot_tip": 'history.plot("tip")',
     },

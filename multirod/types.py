@@ -176,7 +176,7 @@ Parameter: TypeAlias = Literal[
 ]
 """Of robots, by which ``Solution.jacobian`` differentiates, beside inputs."""
 
-Quantity: TypeAlias = Literal["shape", "curvature", "moment", "force", "strain", "tension"]
+Quantity: TypeAlias = Literal["shape", "tips", "curvature", "moment", "force", "strain", "tension"]
 """What ``Solution.plot`` draws."""
 
 QuantityOverTime: TypeAlias = Literal[

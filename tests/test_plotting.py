@@ -356,6 +356,22 @@ def test_a_batch_is_a_family_evenly_chosen(batch):
     assert every.get_title() == ""
 
 
+def test_tips_are_points_of_all_instances(batch, history, solution):
+    flat = batch.tip_position.reshape(-1, 3)
+    ax = batch.plot("tips", colour_by="energy", frames=False)
+    (points,) = ax.collections
+    np.testing.assert_array_equal(np.stack(points._offsets3d, axis=1), flat)
+    np.testing.assert_array_equal(points.get_array(), batch.energy.reshape(-1))
+    assert ax.figure.axes[-1].get_ylabel() == "elastic energy [J]"
+    assert not ax.get_title()
+    few = batch.plot("tips", instances=4)
+    np.testing.assert_array_equal(np.stack(few.collections[0]._offsets3d, axis=1), flat[[0, 10, 19, 29]])
+    assert few.get_title() == "4 of 30 instances"
+    for one in (solution, history):
+        count = np.count_nonzero(~np.asarray(one.failed))
+        assert np.stack(one.plot("tips").collections[0]._offsets3d, axis=1).shape == (count, 3)
+
+
 def test_a_family_is_coloured_by_what_is_asked_for(batch):
     force = batch.inputs.tip_force[..., 0]
     ax = batch.plot("moment", colour_by=-force, colour_label="pull [N]", instances=30)[0]
@@ -465,7 +481,7 @@ def test_lines_over_time_are_refused_where_there_are_none(history):
 
 
 def test_a_quantity_that_is_not_there_lists_those_that_are(solution, history):
-    with pytest.raises(ValueError, match="quantity = 'bend' .* must be one of 'shape', 'curvature', 'moment', 'force'"):
+    with pytest.raises(ValueError, match="quantity = 'bend' .* must be one of 'shape', 'tips', 'curvature', 'moment', 'force'"):
         solution.plot("bend")
     with pytest.raises(ValueError, match="quantity = 'tip' is not allowed"):
         solution.plot("tip")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from multirod.plotting import along, over_time, scene
+from multirod.plotting import along, over_time, scene, tips
 from multirod.plotting.canvas import axes_in_space, returned, title
 from multirod.plotting.family import Family, family_of
 from multirod.results.history import History
@@ -12,9 +12,11 @@ from multirod.results.solution import Solution
 from multirod.types import AxesGiven, AxesOrArray, Numbers
 from multirod.validation import boolean, choice, positive_int, refuse
 
-SHAPE = "shape"
+SHAPE, TIPS = "shape", "tips"
 IN_SPACE, ALONG = 51, 301  # nodes of a rod: along the arclength steps are to look like steps
-OF_SOLUTIONS = (SHAPE, *along.QUANTITIES)
+EVERY = 2**31 - 1
+FEW, SOME = 20, 12  # instances of a batch, and times of a motion, that are drawn at most, but for tips
+OF_SOLUTIONS = (SHAPE, TIPS, *along.QUANTITIES)
 OF_HISTORIES = tuple(dict.fromkeys((*OF_SOLUTIONS, *over_time.QUANTITIES)))
 
 
@@ -24,7 +26,7 @@ def plot_solution(
     *,
     ax: AxesGiven | None = None,
     rod: int | str | None = None,
-    instances: int = 20,
+    instances: int | None = None,
     colour_by: str | Numbers | None = None,
     colour_label: str = "",
     nodes: int | None = None,
@@ -35,7 +37,7 @@ def plot_solution(
     if isinstance(quantity, str) and quantity in over_time.QUANTITIES and quantity not in OF_SOLUTIONS:
         refuse("quantity", quantity, f"must be one of {', '.join(map(repr, OF_SOLUTIONS))}: that is of a motion, over its time")
     choice("quantity", quantity, OF_SOLUTIONS)
-    family = family_of(solution, instances, colour_by, colour_label)
+    family = family_of(solution, _most(instances, quantity, FEW), colour_by, colour_label)
     return _drawn(family, quantity, ax, rod, nodes, frames, loads)
 
 
@@ -46,7 +48,7 @@ def plot_history(
     ax: AxesGiven | None = None,
     rod: int | str | None = None,
     instance: int | tuple[int, ...] = 0,
-    instances: int = 12,
+    instances: int | None = None,
     colour_by: str | Numbers | None = None,
     colour_label: str = "",
     nodes: int | None = None,
@@ -56,14 +58,21 @@ def plot_history(
     """See ``History.plot``."""
     choice("quantity", quantity, OF_HISTORIES)
     if quantity in over_time.QUANTITIES:
-        count = positive_int("instances", instances)
+        count = _most(instances, quantity, SOME)
         return returned(over_time.draw(ax, history, quantity, instances=count, colour_by=colour_by, colour_label=colour_label))
     if colour_by is not None:
         refuse("colour_by", colour_by, "must be None: shapes and curves of a motion are coloured by time")
     motion, chosen = _motion(history, instance)
-    family = family_of(motion, instances, history.time, over_time.TIME, "samples")
+    family = family_of(motion, _most(instances, quantity, SOME), history.time, over_time.TIME, "samples")
     family = replace(family, title="; ".join(filter(None, (chosen, family.title))))
     return _drawn(family, quantity, ax, rod, nodes, frames, loads, motion)
+
+
+def _most(instances: int | None, quantity: str, default: int) -> int:
+    """How many are drawn at most; all tips, which take little room."""
+    if instances is None:
+        return EVERY if quantity == TIPS else default
+    return positive_int("instances", instances)
 
 
 def _motion(history: History, instance: object) -> tuple[Solution, str]:
@@ -101,6 +110,12 @@ def _drawn(
     rods = _rods(family.solution, rod)
     count = (IN_SPACE if quantity == SHAPE else ALONG) if nodes is None else positive_int("nodes", nodes, 2)
     options = {"frames": boolean("frames", frames), "loads": boolean("loads", loads)}
+    if quantity == TIPS:
+        points: AxesOrArray = axes_in_space(ax)
+        tips.draw(points, family, frames=options["frames"])
+        family.colorbar(points)
+        title(points, family.title)
+        return points
     if quantity != SHAPE:
         axes = along.draw(ax, family, quantity, rods, nodes=count)
         title(axes[0], family.title)

@@ -29,7 +29,7 @@ _ZOOM = 0.88  # leaves room for labels
 _THINNEST, _THICKEST = 1.0, 14.0  # [pt]
 _BODY = 0.25  # opacity of a rod with chambers, which are within it
 _ARROW = 0.25  # of the robot's size: the longest arrow of a kind
-_TRIAD = 0.09  # of the same: axes of a frame
+TRIAD = 0.09  # of the same: axes of a frame
 _ALONG = 9  # arrows of what acts along a rod
 _MARKERS = {"clamped": "s", "revolute": "D", "spherical": "o", "universal": "P", "prismatic": "^", "cylindrical": "v"}
 _LINES = ("#5C5C5C", "#8C564B", "#7F7FFF", "#2E7D6B", "#B0902F", "#9A4FA0")
@@ -69,7 +69,7 @@ def draw(
     points = [np.array(origins), *(shape.position for shape in shapes.values()), *(face for plate in plates for face in plate)]
     if path is not None:
         points.append(path)
-    robot = _finite(points)
+    robot = finite(points)
     if len(robot) == len(origins):
         robot = np.concatenate([robot, robot + [0.0, 0.0, max(float(np.max(rod.length)) for rod in solution.assembly.rods)]])
     size = float(np.linalg.norm(np.ptp(robot, axis=0))) or 1.0
@@ -77,8 +77,8 @@ def draw(
     arrows = _arrows(solution, shapes) if one and loads else []
     scales = {kind: _scale([a for a in arrows if a.kind == kind], size) for kind in {a.kind for a in arrows}}
     ends = [a.origins + scales[a.kind] * a.vectors for a in arrows]
-    triad = _TRIAD * size
-    _frame_view(ax, np.concatenate([robot, *ends]) if ends else robot)
+    long = TRIAD * size
+    frame_view(ax, np.concatenate([robot, *ends]) if ends else robot)
     scale = _points_per_metre(ax)
     if path is not None:
         ax.plot(*path.T, color="0.1", lw=1.3, ls=":", zorder=4.5, label="path of the tip")
@@ -86,19 +86,20 @@ def draw(
     _platforms(ax, family, plates)
     if frames:
         for pose in bases(solution.assembly).values():
-            _triad(ax, pose[:3, 3], pose[:3, :3], triad if len(origins) == 1 else 0.6 * triad, letters=len(origins) == 1)
+            triad(ax, pose[:3, 3], pose[:3, :3], long if len(origins) == 1 else 0.6 * long, letters=len(origins) == 1)
     if one:
         _discs(ax, solution, shapes)
         _lines(ax, solution, drawn, rods, nodes, scale)
         _joints(ax, solution)
         if frames:
-            _triad(ax, solution.tip_position, solution.tip_rotation, triad, letters=True)
+            triad(ax, solution.tip_position, solution.tip_rotation, long, letters=True)
         for arrow in arrows:
             _draw_arrow(ax, arrow, scales[arrow.kind])
     legend(ax, loc="upper left", bbox_to_anchor=(-0.08, 1.07))
 
 
-def _finite(points: list[FloatArray]) -> FloatArray:
+def finite(points: list[FloatArray]) -> FloatArray:
+    """Those that are numbers, shape (k, 3)."""
     every = np.concatenate([np.reshape(some, (-1, 3)) for some in points])
     return np.asarray(every[np.isfinite(every).all(axis=1)])
 
@@ -109,7 +110,7 @@ def _scale(arrows: list[Arrow], size: float) -> float:
     return _ARROW * size / longest if longest > 0 else 0.0
 
 
-def _frame_view(ax: "Axes3D", points: FloatArray) -> None:
+def frame_view(ax: "Axes3D", points: FloatArray) -> None:
     """Limits that hold these points and what was drawn before, with one scale for all axes."""
     low, high = points.min(axis=0), points.max(axis=0)
     if ax.has_data():
@@ -208,7 +209,8 @@ def _platforms(ax: "Axes3D", family: Family, plates: list[list[FloatArray]]) -> 
         ax.add_collection3d(in_space("art3d").Poly3DCollection(plate, facecolor=color, edgecolor=color, alpha=alpha, lw=lw))
 
 
-def _triad(ax: "Axes3D", place: FloatArray, rotation: FloatArray, length: float, *, letters: bool) -> None:
+def triad(ax: "Axes3D", place: FloatArray, rotation: FloatArray, length: float, *, letters: bool) -> None:
+    """The axes of a frame."""
     if not np.isfinite(place).all():
         return
     for axis, color, letter in zip(rotation.T, COMPONENTS, "xyz", strict=True):

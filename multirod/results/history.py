@@ -143,7 +143,7 @@ class History(Solution[Robot_co]):
         ax: AxesGiven | None = None,
         rod: int | str | None = None,
         instance: int | tuple[int, ...] = 0,
-        instances: int = 12,
+        instances: int | None = None,
         colour_by: str | Numbers | None = None,
         colour_label: str = "",
         nodes: int | None = None,
@@ -152,7 +152,7 @@ class History(Solution[Robot_co]):
     ) -> AxesOrArray:
         """Plot shapes at some times, a quantity along the arclength at some times, or a quantity over time.
 
-        The quantities of ``Solution.plot`` (``shape``, ``curvature``, ``moment``, ``force``, ``strain``) are drawn at
+        The quantities of ``Solution.plot`` (``shape``, ``tips``, ``curvature``, ``moment``, ``force``, ``strain``) are drawn at
         ``instances`` times, coloured by time; ``shape`` also has the path of the tip. Over time there are:
 
         ============================================  ============================================================================
@@ -178,7 +178,8 @@ class History(Solution[Robot_co]):
             ax: Axes to draw on, as many as the quantity needs; by default those of a new figure.
             rod: Index or name of the only rod to be drawn; all by default.
             instance: Of a batch, which one is drawn in space or along the arclength: its number, or an index.
-            instances: How many samples (in space, along the arclength) or instances (over time) are drawn at most, evenly chosen.
+            instances: How many samples (in space, along the arclength) or instances (over time) are drawn at most, evenly chosen;
+                by default 12, of tips all.
             colour_by: Over time, what instances are coloured by: an array of the batch's shape; by default their number.
             colour_label: Of the colour bar.
             nodes: Of each rod; by default 51 in space, 301 along the arclength.

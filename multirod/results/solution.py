@@ -276,7 +276,7 @@ class Solution(Asked, Wrenches[Robot_co]):
         *,
         ax: AxesGiven | None = None,
         rod: int | str | None = None,
-        instances: int = 20,
+        instances: int | None = None,
         colour_by: str | Numbers | None = None,
         colour_label: str = "",
         nodes: int | None = None,
@@ -289,6 +289,7 @@ class Solution(Asked, Wrenches[Robot_co]):
         quantity        what is drawn
         ==============  ==========================================================================================================
         ``shape``       the robot in 3-D, to scale: rods, lines, discs, platform, joints; frames at bases and tip; loads as arrows
+        ``tips``        the end effector of each instance, a point in 3-D
         ``curvature``   ``u1, u2, u3`` in the frame of each rod [1/m]
         ``moment``      the internal moment of each rod, in its frame [N m]
         ``force``       the internal force in that frame [N], of all concentric rods together
@@ -305,7 +306,8 @@ class Solution(Asked, Wrenches[Robot_co]):
             ax: Axes to draw on, 3-D ones for a shape; by default those of a new figure. Along the arclength, several rods or
                 instances need an array of them, one for each component.
             rod: Index or name of the only rod to be drawn; all by default.
-            instances: How many instances of a batch are drawn at most, evenly chosen among those that have a result.
+            instances: How many instances of a batch are drawn at most, evenly chosen among those that have a result; by default
+                20, of tips all.
             colour_by: What instances are coloured by: an array of the batch's shape, or the name of a scalar such as
                 ``"residual"`` or ``"energy"``; by default their number.
             colour_label: Of the colour bar.
