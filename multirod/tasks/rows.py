@@ -86,7 +86,7 @@ class Pose(Framed):
             raise ValueError("Pose needs a position, a rotation or an axis")
         if across is not None and position is None:
             refuse("Pose.across", across, "must not be given without a position, which counts across it")
-        self.position = None if position is None else _vector("Pose.position", position)
+        self.position = None if position is None else vector("Pose.position", position)
         # whether it is a position alone, of one instance, with nothing missing and nothing far: most targets are
         self.ordinary = False
         if rotation is axis is across is None and self.position is not None and self.position.ndim == 1:
@@ -304,7 +304,7 @@ def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray
     return (across @ tilt[..., None])[..., 0], across @ change
 
 
-def _vector(field: str, value: object) -> FloatArray:
+def vector(field: str, value: object) -> FloatArray:
     """Numbers (..., 3), which may be NaN: of a sensor that dropped out."""
     result = array(field, value, (3,), finite=False)
     if np.count_nonzero(wrong := np.isinf(result)):
@@ -321,7 +321,7 @@ def _rotation(value: object) -> FloatArray:
 
 def _direction(field: str, value: object) -> FloatArray:
     """Unit vectors (..., 3), which may be NaN."""
-    result = _vector(field, value)
+    result = vector(field, value)
     size = np.linalg.norm(result, axis=-1, keepdims=True)
     if (size <= SMALLEST_AXIS).any():
         refuse(field, first_of(size[..., 0] <= SMALLEST_AXIS, result, value), "must not be zero")

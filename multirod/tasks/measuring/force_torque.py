@@ -6,8 +6,9 @@ import numpy as np
 
 from multirod.naming import hinted
 from multirod.tasks.deviations import deviations
+from multirod.tasks.rows import vector
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, nonnegative_float, refuse
+from multirod.validation import Described, FloatArray, nonnegative_float, refuse
 
 PARTS = ("force", "moment")
 UNITS = ("the force [N]", "the moment [N m]")
@@ -53,7 +54,7 @@ class ForceTorque:
         self.rod = rod
         self.first = 0 if force is not None else 3  # of its components among those of the quantity
         self.components = 3 * len(given)
-        self.value = self._joined({name: _vector(f"ForceTorque.{name}", value) for name, value in given.items()}, "ForceTorque")
+        self.value = self._joined({name: vector(f"ForceTorque.{name}", value) for name, value in given.items()}, "ForceTorque")
         self.batch_shape = self.value.shape[:-2]
         units = [unit for name, unit in zip(PARTS, UNITS, strict=True) if name in given]
         self.sigma = deviations("ForceTorque.sigma", sigma, [(unit, 3, True) for unit in units])
@@ -79,7 +80,7 @@ class ForceTorque:
         parts = (value,) if len(self._names) == 1 else value
         if not isinstance(parts, (list, tuple, np.ndarray)) or len(parts) != len(self._names):
             refuse(field, value, f"must be ({self.says})")
-        return self._joined({name: _vector(f"{field}, {name}", own) for name, own in zip(self._names, parts, strict=True)}, field)
+        return self._joined({name: vector(f"{field}, {name}", own) for name, own in zip(self._names, parts, strict=True)}, field)
 
     def _joined(self, parts: dict[str, FloatArray], field: str) -> FloatArray:
         """Force and moment beside each other, (..., 1, components)."""
@@ -90,11 +91,3 @@ class ForceTorque:
 
     def __repr__(self) -> str:
         return f"ForceTorque({self.says} at {self.at[0]:g} m of rod {self.rod!r}; batch {self.batch_shape})"
-
-
-def _vector(field: str, value: object) -> FloatArray:
-    """Numbers (..., 3), which may be NaN: of a sensor that dropped out."""
-    result = array(field, value, (3,), finite=False)
-    if np.isinf(result).any():
-        refuse(field, value, "must be finite, or NaN where there is no measurement")
-    return result
