@@ -193,6 +193,12 @@ def index_of(field: str, value: object, names: Sequence[str | None]) -> int | No
     return int(value)
 
 
+def known_as(names: Sequence[str | None]) -> str:
+    """How a rod or line of these names may be called."""
+    own = [name for name in names if name]
+    return f"must be an index below {len(names)}{f' or one of the names {own}' if own else '; none has a name'}"
+
+
 def some_names(field: str, value: object) -> tuple[str, ...]:
     """A name, or several, as a tuple; refused by a ``TypeError``."""
     if isinstance(value, str) or not isinstance(value, Iterable):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.launch import Launch
-from multirod.models.backbone.derivatives.along import Along
+from multirod.models.backbone.derivatives.along import Told
 from multirod.models.backbone.derivatives.designs import COMPONENTS
 from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.models.backbone.stability.clamps import ClampedBackbones
@@ -79,7 +79,7 @@ def columns_along(problem: "HeldProblem", names: Sequence[str], places: FloatArr
     return of_held(problem, names, problem.rod.derivatives.along_itself(0, places)).columns
 
 
-def of_held(problem: "HeldProblem", names: Sequence[str], found: Along) -> Along:
+def of_held(problem: "HeldProblem", names: Sequence[str], found: Told) -> Told:
     """(D20) What is told along the rod, with columns by what is held."""
     first, axes = problem.rod.unknown_count + problem.direction_count, problem.turn_axes()
     found.turn(np.swapaxes(axes, 1, 2), slice(first, first + axes.shape[2]))
@@ -127,9 +127,7 @@ class HeldSensing:
     def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
         """Of the last launch, as ``Sensing`` says."""
         problem = self.problem
-        found = self._rod.poses(0)
-        columns = of_held(problem, names, found).columns
-        return replace(found, columns=columns).at(problem.rod.derivatives.base_position())
+        return of_held(problem, names, self._rod.poses(0)).at(problem.rod.derivatives.base_position())
 
     def wrench(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
         """Of the last launch, as ``Sensing`` says."""

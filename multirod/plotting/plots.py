@@ -110,19 +110,16 @@ def _drawn(
     rods = _rods(family.solution, rod)
     count = (IN_SPACE if quantity == SHAPE else ALONG) if nodes is None else positive_int("nodes", nodes, 2)
     options = {"frames": boolean("frames", frames), "loads": boolean("loads", loads)}
-    if quantity == TIPS:
-        points: AxesOrArray = axes_in_space(ax)
-        tips.draw(points, family, frames=options["frames"])
-        family.colorbar(points)
-        title(points, family.title)
-        return points
-    if quantity != SHAPE:
+    if quantity not in (SHAPE, TIPS):
         axes = along.draw(ax, family, quantity, rods, nodes=count)
         title(axes[0], family.title)
         return returned(axes)
     in_space: AxesOrArray = axes_in_space(ax)
-    path = None if motion is None else motion.tip_position
-    scene.draw(in_space, family, rods, nodes=count, path=path, **options)
+    if quantity == TIPS:
+        tips.draw(in_space, family, frames=options["frames"])
+    else:
+        path = None if motion is None else motion.tip_position
+        scene.draw(in_space, family, rods, nodes=count, path=path, **options)
     family.colorbar(in_space)
     title(in_space, family.title)
     return in_space

@@ -1,6 +1,6 @@
 """What is computed of equilibria when it is first asked for: shapes, lines, energies, stability."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields
 from functools import cached_property
@@ -26,7 +26,7 @@ from multirod.stability import Modes, Stabilities, Stability, modes_of
 from multirod.types import (
     StabilityOrArray,
 )
-from multirod.validation import FloatArray, frozen, index_of, positive_int, refuse
+from multirod.validation import FloatArray, frozen, index_of, known_as, positive_int, refuse
 
 if TYPE_CHECKING:
     from multirod.models.backbone.members.lines import Line
@@ -40,12 +40,6 @@ def _potential(problem: BoundaryProblem) -> tuple[FloatArray]:
 
 def _modes(problem: BoundaryProblem) -> tuple[Any, ...]:
     return tuple(vars(modes_of(problem)).values())
-
-
-def _known(names: Sequence[str | None]) -> str:
-    """How a rod or line may be called."""
-    own = [name for name in names if name]
-    return f"must be an index below {len(names)}{f' or one of the names {own}' if own else '; none has a name'}"
 
 
 class Computed(Found[Robot_co]):
@@ -186,7 +180,7 @@ class Computed(Found[Robot_co]):
         if index is None:
             tubes = [name for name in names if name and isinstance(rod, str) and name.rpartition(" ")[0] == rod]
             hint = f"; did you mean {tubes[0]!r}, the first of its {len(tubes)} tubes?" if tubes else ""
-            refuse("rod", rod, _known(names) + (hint or (meant(rod, filter(None, names)) if isinstance(rod, str) else "")))
+            refuse("rod", rod, known_as(names) + (hint or (meant(rod, filter(None, names)) if isinstance(rod, str) else "")))
         return index % len(names)
 
     @cached_property
@@ -248,7 +242,7 @@ class Computed(Found[Robot_co]):
         names = [own.name for _, own in lines]
         index = index_of("line", line, names)
         if index is None:
-            refuse("line", line, _known(names))
+            refuse("line", line, known_as(names))
         rod, own = lines[index]
         shape = self.rod(rod, nodes=nodes)
         s = shape.arclength - np.broadcast_to(self.inputs.translation[..., rod, None], (*self.batch_shape, 1))

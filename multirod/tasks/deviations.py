@@ -25,7 +25,22 @@ def deviations(field: str, value: object, parts: Sequence[tuple[str, int, bool]]
         found = array(field, own, finite=False)
         if found.shape not in ((), (1,), *([(3,)] if each else [])):
             refuse(field, value, message if len(parts) == 1 else f"{message}; of {said} " + ONE_OR_THREE[each])
-        if not ((found > 0) & np.isfinite(found)).all():
-            refuse(field, value, "must be finite and > 0")
+        refuse_unsure(field, value, found)
         result.append(np.broadcast_to(found, (rows,)))
     return np.concatenate(result)
+
+
+def deviation(field: str, value: object, count: int) -> FloatArray:
+    """One for all, or one of each, as (count,)."""
+    result = array(field, value, finite=False)
+    refuse_unsure(field, value, result)
+    try:
+        return np.broadcast_to(result, (count,))
+    except ValueError:
+        refuse(field, value, f"must be one number, or {count}")
+
+
+def refuse_unsure(field: str, value: object, given: FloatArray) -> None:
+    """Refuse what is no standard deviation; ``value`` is what the user gave."""
+    if not ((given > 0) & np.isfinite(given)).all():
+        refuse(field, value, "must be finite and > 0")

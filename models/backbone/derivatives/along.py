@@ -4,14 +4,13 @@ Numbers in parentheses are those of ``docs/derivatives.md``.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
 import numpy as np
 import warp as wp
 
 from multirod.launch import record
 from multirod.models.backbone.derivatives.along_kernels import curvatures, poses
-from multirod.models.backbone.derivatives.designs import carried
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.passes.buffers import holder
 from multirod.problem import PosesSensed
@@ -179,13 +178,9 @@ class Along:
 
     def carry(self, there: slice) -> None:
         """(D10) In place: columns by a pose that all moves and turns with."""
-        for name, arm in self.arms.items():
-            rigid = carried(arm.reshape(-1, 3)).reshape(*arm.shape[:-1], -1, 6, 6)
-            if name == "position":
-                self.columns["position"][..., there] += rigid[..., 0, :3, :]
-                self.columns["rotation"][..., there] += rigid[..., 0, 3:, :]
-            else:
-                self.columns[name][..., there][..., 3:] += rigid[..., :3, 3:].reshape(*arm.shape, 3)
+        if "position" in self.columns:
+            self.columns["position"][..., there.start : there.start + 3] += np.eye(3)
+        self.turn(np.eye(3)[None], slice(there.start + 3, there.stop))
 
     def turn(self, turns: FloatArray, there: slice) -> None:
         """(D20) In place: columns by turns of the base, (b, column, 3) in the world."""
@@ -195,6 +190,9 @@ class Along:
             self.columns[name][..., there] += np.swapaxes(moved, 3, 4).reshape(*arm.shape, -1)
         if "rotation" in self.columns:
             self.columns["rotation"][..., there] += np.swapaxes(turns, 1, 2)[:, None]
+
+
+Told = TypeVar("Told", bound=Along)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multirod.models.backbone.derivatives.along import Along, AlongPass, along_member, of_member
+from multirod.models.backbone.derivatives.along import AlongPass, Told, along_member, of_member
 from multirod.models.platform.derivatives.columns import input_columns
 from multirod.models.platform.derivatives.designs import unknown_rates
 from multirod.problem import PosesSensed
@@ -42,7 +42,7 @@ def columns_along(
     return of_robot(problem, every, group.members[place], found).columns
 
 
-def of_robot(problem: "ParallelProblem", every: Sequence["InputColumns"], leg: int, found: Along) -> Along:
+def of_robot(problem: "ParallelProblem", every: Sequence["InputColumns"], leg: int, found: Told) -> Told:
     """(D20) What is told along a leg, with columns by the robot's unknowns and numbers."""
     n = problem.unknown_count
     result = replace(found, columns={name: by_robot(problem, every, leg, values) for name, values in found.columns.items()})
@@ -115,7 +115,7 @@ class LegSensing:
         found = self._passes[problem.groups.index(group)].poses(own).of_member(problem.instance_count, place)
         base = np.broadcast_to(group.backbones.derivatives.base_position(), (group.backbones.instance_count, 3))
         told = of_robot(problem, input_columns(problem.geometry, names), group.members[place], found)
-        return replace(found, columns=told.columns).at(of_member(base, problem.instance_count, place))
+        return told.at(of_member(base, problem.instance_count, place))
 
     def wrench(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
         """Of the last launch, as ``Sensing`` says."""

@@ -14,7 +14,7 @@ from multirod.problem import BoundaryProblem, PosesSensed
 from multirod.results.derivatives import places_on
 from multirod.tasks.formulation import Evaluation, PosedAt, Task
 from multirod.tasks.measuring.tension import Tension, line_indices
-from multirod.validation import FloatArray, index_of, refuse
+from multirod.validation import FloatArray, index_of, known_as, refuse
 
 
 class Sensed(Protocol):
@@ -104,7 +104,7 @@ class Places:
         ValueError: If there is no such rod or line, or a place is not on it.
     """
 
-    def __init__(self, robot: Assembly, inputs: Inputs, sensors: Sequence[Sensed]) -> None:
+    def __init__(self, robot: Assembly, inputs: Inputs, sensors: Sequence[Sensed | Tension]) -> None:
         every: dict[int, tuple[int, FloatArray]] = {}
         sections = [[section.length for section in rod.sections] for rod in robot.rods]
         seen: set[tuple[str, int]] = set()
@@ -123,7 +123,7 @@ class Places:
         self._found |= {key: (0, _followed(np.array(own, dtype=np.intp))) for key, own in own_lines.items()}
         self.on_lines = bool(own_lines)
 
-    def of(self, sensor: Sensed) -> tuple[int, NDArray[np.intp] | slice]:
+    def of(self, sensor: Sensed | Tension) -> tuple[int, NDArray[np.intp] | slice]:
         """The rod of a sensor, and which of all places are its own; of tensions 0, and which lines."""
         return self._found[id(sensor)]
 
@@ -141,7 +141,7 @@ def rod_index(field: str, robot: Assembly, rod: int | str) -> int:
     names = [own.name for own in robot.rods]
     index = index_of(field, rod, names)
     if index is None or index < 0:
-        refuse(field, rod, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
+        refuse(field, rod, known_as(names))
     return index
 
 

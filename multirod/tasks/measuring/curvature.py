@@ -6,7 +6,7 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.naming import names_checked
-from multirod.tasks.given import plain
+from multirod.tasks.deviations import deviation
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, array, refuse
 
@@ -45,13 +45,7 @@ class Curvature:
         self.value = self.shaped("Curvature.value", given)
         plausibility.of_measured_curvature(self.value, float(self.at[-1]))
         self.batch_shape = self.value.shape[:-2]
-        spread = array("Curvature.sigma", sigma, finite=False)
-        if not ((spread > 0) & np.isfinite(spread)).all():
-            refuse("Curvature.sigma", sigma, "must be finite and > 0")
-        try:
-            self.sigma = np.broadcast_to(spread, (self.components,))
-        except ValueError:
-            refuse("Curvature.sigma", sigma, f"must be one number, or {self.components}")
+        self.sigma = deviation("Curvature.sigma", sigma, self.components)
 
     @property
     def count(self) -> int:
@@ -63,13 +57,9 @@ class Curvature:
         """Where it is along its rod [m], shape (count,)."""
         return self.at
 
-    def is_plain(self, value: object) -> bool:
-        """Whether what it says at a sample, of one instance, surely is a measurement, as an array."""
-        return plain(value, (len(self.at), self.components))
-
-    def numbers(self, field: str, value: object) -> FloatArray:
-        """What it says at a sample, which may be NaN, (..., count, components); or one NaN for all."""
-        return array(field, value, finite=False)
+    def joined(self, field: str, value: object) -> object:
+        """What it says at a sample, (..., count, components), to be checked; or one NaN for all."""
+        return value
 
     def shaped(self, field: str, value: FloatArray) -> FloatArray:
         """Values (..., count, components)."""

@@ -53,7 +53,6 @@ class ForceTorque:
         self.at = np.array([nonnegative_float("ForceTorque.at", at)])
         self.rod = rod
         self.first = 0 if force is not None else 3  # of its components among those of the quantity
-        self.components = 3 * len(given)
         self.value = self._joined({name: vector(f"ForceTorque.{name}", value) for name, value in given.items()}, "ForceTorque")
         self.batch_shape = self.value.shape[:-2]
         units = [unit for name, unit in zip(PARTS, UNITS, strict=True) if name in given]
@@ -62,21 +61,17 @@ class ForceTorque:
     @property
     def count(self) -> int:
         """Rows."""
-        return self.components
+        return int(self.value.shape[-1])
 
     @property
     def places(self) -> FloatArray:
         """Where it is along its rod [m], shape (1,)."""
         return self.at
 
-    def is_plain(self, value: object) -> bool:
-        """As of a ``Curvature``: none is, as force and moment are joined."""
-        return False
-
-    def numbers(self, field: str, value: object) -> FloatArray:
-        """What it says at a sample, which may be NaN, (..., 1, components); or one NaN for all."""
+    def joined(self, field: str, value: object) -> object:
+        """What it says at a sample, (..., 1, components); or one NaN for all."""
         if isinstance(value, float) and np.isnan(value):
-            return np.array(np.nan)
+            return value
         parts = (value,) if len(self._names) == 1 else value
         if not isinstance(parts, (list, tuple, np.ndarray)) or len(parts) != len(self._names):
             refuse(field, value, f"must be ({self.says})")

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.batch import Instances, IntArray
@@ -220,7 +220,7 @@ class Live(Measured):
                 own: Any = [self.poses[name].values[:, k] if getattr(sensor, name) is not None else None for name in PARTS]
                 self.rows[k] = replace(given, position=own[0], rotation=own[1], axis=own[2], across=own[3])
             else:
-                self.rows[k], _ = filled(sensor, places, np.zeros((self._count, len(sensor.at), sensor.components)))
+                self.rows[k], _ = filled(sensor, places, np.zeros((self._count, *sensor.value.shape[-2:])))
 
     def dropped(self) -> tuple[str, ...]:
         """As of ``Measured``; at no cost where nothing dropped out."""
@@ -258,13 +258,14 @@ class Live(Measured):
             where = "what the sensor is, and its sigma, were said once, by sensors="
             refuse(f"measured[{k}]", value, f"must be the numbers alone that it says now, its {says}: {where}")
         if isinstance(sensor, AlongSensor):
-            tail, rows = (len(sensor.at), sensor.components), self.rows[k]
-            if not self._batch_shape and isinstance(rows, AlongRows) and sensor.is_plain(value):
-                rows.value[0] = cast(ArrayLike, value)
-                return None
             field = f"measured[{k}]"
-            self.rows[k], known = filled(sensor, self.places, self._numbers(field, sensor.numbers(field, value), tail))
-            return None if known.all() else known
+            numbers = self._numbers(field, sensor.joined(field, value), sensor.value.shape[-2:])
+            rows = self.rows[k]
+            if isinstance(rows, AlongRows) and np.isfinite(numbers).all():
+                rows.value[:] = numbers
+                return None
+            self.rows[k], known = filled(sensor, self.places, numbers)
+            return known
         names = self._names[k]
         parts = (value,) if len(names) == 1 else value
         if not isinstance(parts, (list, tuple)) or len(parts) != len(names):

@@ -6,8 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from multirod.naming import hinted
+from multirod.tasks.deviations import deviation
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, index_of, refuse
+from multirod.validation import Described, FloatArray, array, index_of, known_as, refuse
 
 
 class Tension:
@@ -27,44 +28,27 @@ class Tension:
 
     quantity: ClassVar = "tension"
     first: ClassVar = 0  # of its components among those of the quantity
-    components: ClassVar = 1
     says: ClassVar = "value"
 
     @hinted("it is named, Tension(value=solution.tension, sigma=0.1)")
     def __init__(self, *, value: Numbers, sigma: Numbers, line: int | str | Sequence[int | str] | None = None) -> None:
         self.lines = (line,) if isinstance(line, (int, str)) else None if line is None else tuple(line)
-        self.rod: int | str = 0
         self._single = isinstance(line, (int, str))
         self.value = self._column("Tension.value", value)
-        self.at = np.zeros(self.value.shape[-2])  # as many as there are values
         if self.lines is not None and (len(self.lines) != self.count or len(set(self.lines)) < self.count):
             refuse("Tension.line", line, f"must be {self.count}, each once: value has as many")
         self.batch_shape = self.value.shape[:-2]
-        spread = array("Tension.sigma", sigma, finite=False)
-        if not ((spread > 0) & np.isfinite(spread)).all():
-            refuse("Tension.sigma", sigma, "must be finite and > 0")
-        try:
-            self.sigma = np.broadcast_to(spread, (self.count,))[:, None]
-        except ValueError:
-            refuse("Tension.sigma", sigma, f"must be one number, or {self.count}")
+        self.sigma = deviation("Tension.sigma", sigma, self.count)[:, None]
 
     @property
     def count(self) -> int:
         """Rows."""
-        return len(self.at)
+        return int(self.value.shape[-2])
 
-    @property
-    def places(self) -> None:
-        """Where it is along a rod: it is not."""
-
-    def is_plain(self, value: object) -> bool:
-        """As of a ``Curvature``: none is."""
-        return False
-
-    def numbers(self, field: str, value: object) -> FloatArray:
-        """What it says at a sample, which may be NaN, (..., count, 1); or one NaN for all."""
+    def joined(self, field: str, value: object) -> object:
+        """What it says at a sample, (..., count, 1); or one NaN for all."""
         lost = isinstance(value, float) and np.isnan(value)
-        return np.array(np.nan) if lost else self._column(field, value, self.count)
+        return value if lost else self._column(field, value, self.count)
 
     def _column(self, field: str, value: object, count: int | None = None) -> FloatArray:
         """Checked values, (..., count, 1)."""
@@ -99,6 +83,6 @@ def line_indices(sensor: Tension, names: Sequence[str]) -> list[int]:
 
 def _line_index(line: int | str, names: Sequence[str]) -> int:
     index = index_of("Tension.line", line, names)
-    if index is None or not -len(names) <= index < len(names):
-        refuse("Tension.line", line, f"must be an index below {len(names)} or one of the names {[n for n in names if n]}")
+    if index is None:
+        refuse("Tension.line", line, known_as(names))
     return index % len(names)
