@@ -1,14 +1,15 @@
 """Where directions by inputs and parameters point, of the robot and of its legs, and what they say of the residual."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multirod.models.backbone.derivatives.designs import COMPONENTS, turned_loads
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.derivatives.columns import InputColumns, input_columns
-from multirod.models.platform.derivatives.designs import PARAMETERS, Places, design_rows, unknown_rates
+from multirod.models.platform.derivatives.designs import PARAMETERS, PLACES, Places, design_rows, unknown_rates
 from multirod.models.platform.legs import LegGroup
 from multirod.validation import FloatArray
 
@@ -16,6 +17,68 @@ if TYPE_CHECKING:
     from multirod.models.platform.problem import ParallelProblem
 
 POSE = kernels.POSE
+
+
+class Gathering:
+    """Where columns by inputs are found among those of the directions, which legs share.
+
+    Args:
+        every: The inputs' columns.
+        own: Unknowns of each leg.
+        count: Unknowns of all.
+        width: Directions.
+
+    Attributes:
+        every: The inputs' columns.
+        places: Of each input among all columns.
+        alone: Columns of what acts on one leg alone, as an index.
+        law: Leg and direction of each of these.
+    """
+
+    def __init__(self, every: Sequence[InputColumns], own: Sequence[slice], count: int, width: int) -> None:
+        self.every = every
+        ends = np.cumsum([0, *(columns.numbers for columns in every)])
+        self.places = [slice(a, b) for a, b in pairwise(ends.tolist())]
+        self._count, self._total = count, int(ends[-1])
+        rows = np.arange(count)[:, None]
+        into: list[Any] = []
+        source: list[Any] = []
+        alone: list[int] = []
+        legs: list[int] = []
+        directions: list[int] = []
+        shared: list[int] = []
+        given: list[int] = []
+        for columns, there in zip(every, self.places, strict=True):
+            if columns.shared:
+                to, at = np.arange(there.start, there.stop), np.arange(columns.start, columns.start + columns.size)
+                shared.extend(to)
+                given.extend(at)
+                into.append((rows * self._total + to).ravel())
+                source.append((rows * width + at).ravel())
+            elif columns.name != "platform":
+                for leg, (first, size) in enumerate(columns.shares):
+                    to, at = there.start + first + np.arange(size), columns.start + np.arange(size)
+                    alone.extend(to)
+                    directions.extend(at)
+                    legs.extend([leg] * size)
+                    into.append((rows[own[leg]] * self._total + to).ravel())
+                    source.append((rows[own[leg]] * width + at).ravel())
+        self._into, self._source = (np.array([k for own in each for k in own], dtype=np.intp) for each in (into, source))
+        self._shared, self._given, self.alone = (np.array(each, dtype=np.intp) for each in (shared, given, alone))
+        self.law = np.array(legs, dtype=np.intp), np.array(directions, dtype=np.intp)
+
+    def slopes(self, found: FloatArray) -> FloatArray:
+        """By inputs, shape (b, n, k), of those by directions, shape (b, n, width); without the platform's rows of single legs."""
+        result = np.zeros((len(found), self._count * self._total))
+        result[:, self._into] = found.reshape(len(found), -1)[:, self._source]
+        return result.reshape(len(found), self._count, self._total)
+
+    def moved(self, given: FloatArray) -> FloatArray:
+        """The pose's columns by inputs, shape (b, 6, k), of those by directions; none of what acts on one leg alone."""
+        result = np.zeros((len(given), POSE, self._total))
+        if len(self._shared):
+            result[:, :, self._shared] = given[:, :, self._given]
+        return result
 
 
 class Aim:
@@ -28,6 +91,7 @@ class Aim:
     def __init__(self, problem: "ParallelProblem") -> None:
         self.problem = problem
         self.followed: tuple[str, ...] = ()
+        self._gatherings: dict[tuple[str, ...], Gathering] = {}
 
     def point(self, names: tuple[str, ...]) -> None:
         """What ``BoundaryProblem.aim`` says; what acts on one leg alone shares its column with the same of all other legs, and
@@ -71,35 +135,34 @@ class Aim:
 
     def found(self, names: Sequence[str], found: FloatArray, given: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What ``BoundaryProblem.aimed`` says, of what stands in its place; by parameters too, the unknowns fixed."""
-        every = input_columns(self.problem.geometry, names)
-        slopes = np.concatenate([self._slopes(columns, found) for columns in every], axis=2)
-        moved = np.concatenate(
-            [given[:, :, columns.own] if columns.shared else np.zeros((len(given), POSE, columns.numbers)) for columns in every],
-            axis=2,
-        )
+        gathering = self._gathering(tuple(names))
+        slopes, moved = gathering.slopes(found), gathering.moved(given)
+        self._add_platform(gathering, slopes)
+        for columns, there in zip(gathering.every, gathering.places, strict=True):
+            if columns.name in PLACES:
+                slopes[:, :, there] += Places(self.problem).slopes(columns.name)
         if not self.problem.eliminates and any(name in PARAMETERS for name in names):
-            rates, n = unknown_rates(self.problem, every), self.problem.unknown_count
+            rates, n = unknown_rates(self.problem, gathering.every), self.problem.unknown_count
             slopes -= self.problem.read("gamma").reshape(-1, n, n) @ rates
             moved -= self.problem.pose_columns.numpy()[:, :, :n] @ rates
         return slopes, moved
 
-    def _slopes(self, columns: "InputColumns", found: FloatArray) -> FloatArray:
-        """Derivatives of the residual by each number of an input, shape (instance_count, n, numbers)."""
-        if columns.shared:
-            return found[:, :, columns.own]
-        if columns.name == "platform":
-            return Places(self.problem).slopes("platform")
-        count, legs = self.problem.instance_count, len(self.problem.geometry.legs)
-        law = (
-            self.problem.robots.law.numpy().reshape(count, legs, -1)[:, :, kernels.DIRECTIONS_AT :].reshape(count, legs, -1, 2, 3)
-        )
-        # (8) of one leg's pull and twist on the platform
-        scale = np.stack([self.problem.length[:, -1], np.ones(len(self.problem.length))], axis=1) / self.problem.stiffness[:, -1:]
-        slopes = np.zeros((count, self.problem.unknown_count, columns.numbers))
-        for leg, ((first, size), own) in enumerate(zip(columns.shares, self.problem.own, strict=True)):
-            for k in range(size):
-                slopes[:, own, first + k] = found[:, own, columns.start + k]
-                slopes[:, self.problem.platform, first + k] = (scale[:, :, None] * law[:, leg, columns.start + k]).reshape(
-                    count, POSE
-                )
-        return slopes + Places(self.problem).slopes("base") if columns.name == "base" else slopes
+    def _gathering(self, names: tuple[str, ...]) -> "Gathering":
+        """Found once for these names."""
+        if names not in self._gatherings:
+            problem = self.problem
+            every, width = input_columns(problem.geometry, names), problem.directions.shape[1]
+            self._gatherings[names] = Gathering(every, problem.own, problem.unknown_count, width)
+        return self._gatherings[names]
+
+    def _add_platform(self, gathering: "Gathering", slopes: FloatArray) -> None:
+        """(8) What the pull and twist of one leg alone do to the platform."""
+        legs, directions = gathering.law
+        if not len(legs):
+            return
+        problem, count = self.problem, self.problem.instance_count
+        law = problem.robots.law.numpy().reshape(count, len(problem.geometry.legs), -1)[:, :, kernels.DIRECTIONS_AT :]
+        pulls = law.reshape(count, law.shape[1], -1, POSE)[:, legs, directions]
+        scale = np.ones((len(problem.length), 1, POSE))
+        scale[:, 0, :3] = problem.length[:, -1:]
+        slopes[:, problem.platform, gathering.alone] = np.swapaxes(pulls * (scale / problem.stiffness[:, -1:, None]), 1, 2)
