@@ -89,7 +89,7 @@ def test_limits_by_name(robot, start, aimed):
     found = mr.reach(robot, aimed, guess=start, free=two, limits=limits, solver=SOLVER)
     assert found.status.name == "AT_LIMIT"
     np.testing.assert_allclose(found.inputs.translation[2], -0.0016, rtol=1e-8)
-    assert found.held_by == ("translation[2]",)
+    assert found.held_by == ("translation['rod 0']",)
     np.testing.assert_array_equal(found.at_limit, [True, False])
     free = mr.reach(robot, aimed, guess=start, free=two, solver=SOLVER)
     assert free.inputs.translation[2] < -0.0016

@@ -15,8 +15,7 @@ SOLVER = mr.Shooting(tolerance=1e-11, integrator=STEPS)
 WIRE = mr.Rod.wire(length=0.3, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)
 
 
-@pytest.fixture(scope="module")
-def robot():
+def mast_on_legs(**options):
     """Three legs on a plate, and a mast on that."""
     plate, top = mr.Body("plate"), mr.Body("top")
     joints = [mr.Joint("mast", "base", to=plate), mr.Joint("mast", "tip", to=top)]
@@ -25,7 +24,12 @@ def robot():
         joints.append(
             mr.Joint(f"leg {k}", "tip", to=plate, pose=at(0.06 * np.cos(angle), 0.06 * np.sin(angle)), kind="spherical")
         )
-    return mr.Network(rods={f"leg {k}": WIRE for k in range(3)} | {"mast": WIRE}, bodies=[plate, top], joints=joints)
+    return mr.Network(rods={f"leg {k}": WIRE for k in range(3)} | {"mast": WIRE}, bodies=[plate, top], joints=joints, **options)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return mast_on_legs()
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +106,73 @@ def test_a_force_is_estimated_from_the_pose(robot, start):
     off = (sample.value("force") - start.inputs.force) / sample.sigma("force")
     # measurements are exact: what is left is the pull of the prior, far within what the estimate says of itself
     assert np.abs(off).max() < 0.05
+
+
+def test_the_load_of_one_body_is_estimated_by_its_name(robot, start):
+    """From exact poses, what acts on the others as it was given: as of a prior that knows these others."""
+    inputs = robot.inputs(translation=(0.01, 0, 0.005, 0), force={"plate": (0, 0, -0.2)})
+    both = robot.inputs(translation=inputs.translation, force={"plate": (0, 0, -0.2), "top": (0.1, 0.05, 0)})
+    truth = mr.solve(robot, both, solver=SOLVER, guess=start)
+    options = {
+        "measured": mr.Pose(position=truth.tip_position, rotation=truth.tip_rotation, sigma=(1e-5, 1e-4)),
+        "solver": SOLVER,
+    }
+    prior = mr.Prior(0, sigma=0.5)
+    found = mr.estimate(robot, inputs, unknown={"force": {"top": prior}}, **options)
+    assert found.raise_if_failed().value("force").shape == (3,)
+    # the prior pulls by sigma^2 / 0.5^2 of what it is off, which is 0.1
+    np.testing.assert_allclose(found.value("force"), (0.1, 0.05, 0), atol=0.2 * (found.sigma("force").max() / 0.5) ** 2 + 1e-6)
+    np.testing.assert_array_equal(found.solution.inputs.force[3:], found.value("force"))
+    np.testing.assert_array_equal(found.solution.inputs.force[:3], (0, 0, -0.2))
+    sure = np.array([1e-9] * 3 + [0.5] * 3)
+    every = mr.estimate(robot, inputs, unknown={"force": mr.Prior((0, 0, -0.2, 0, 0, 0), sigma=sure)}, **options)
+    np.testing.assert_allclose(found.value("force"), every.value("force")[3:], atol=1e-7)
+    np.testing.assert_allclose(found.covariance("force"), every.covariance("force")[3:, 3:], rtol=1e-6)
+    # in any order
+    turned = {"force": {"top": prior, "plate": mr.Prior((0, 0, -0.2), sigma=1e-9)}}
+    again = mr.estimate(robot, inputs, unknown=turned, **options)
+    np.testing.assert_array_equal(again.value("force"), every.value("force"))
+    walks = {"force": {"top": mr.Walk(0.3, start=prior)}}
+    meter = mr.Estimator(robot, dt=0.01, inputs=inputs, unknown=walks, sensors=options["measured"], integrator=STEPS)
+    sample = meter.step([(truth.tip_position, truth.tip_rotation)])
+    np.testing.assert_allclose(sample.value("force"), found.value("force"), atol=1e-5 * found.sigma("force").max())
+
+
+def test_of_drives_those_of_motors_are_estimated(start):
+    """A network that says which rods are driven, as ``reach`` has it; others by their names."""
+    robot = mast_on_legs(driven=["leg 0", "leg 2"])
+    load = {"force": {"top": (0.1, 0.05, 0)}}
+    options = {
+        "measured": mr.Pose(position=start.tip_position, rotation=start.tip_rotation, sigma=(1e-5, 1e-4)),
+        "solver": SOLVER,
+    }
+    given = robot.inputs(translation=(0.0095, 0, 0.0055, 0), **load)
+    found = mr.estimate(robot, given, unknown={"translation": mr.Prior(sigma=1e-3)}, **options).raise_if_failed()
+    np.testing.assert_allclose(found.value("translation"), (0.01, 0.005), atol=1e-7)
+    np.testing.assert_array_equal(found.solution.inputs.translation[[1, 3]], 0.0)
+    other = robot.inputs(translation=(0.01, 1e-3, 0.005, 0), **load)
+    found = mr.estimate(robot, other, unknown={"translation": {"leg 1": mr.Prior(sigma=1e-3)}}, **options).raise_if_failed()
+    np.testing.assert_allclose(found.value("translation"), (0.0,), atol=1e-7)
+
+
+def test_what_is_estimated_by_name_must_be_there(robot, start):
+    sensor = mr.Pose(position=start.tip_position, sigma=1e-4)
+    prior = mr.Prior(0, sigma=0.1)
+    with pytest.raises(ValueError, match=r"unknown\['force'\] = 'tpo' is not allowed: must be one of .*mean.* 'top'"):
+        mr.estimate(robot, unknown={"force": {"tpo": prior}}, measured=sensor)
+    with pytest.raises(TypeError, match=r"unknown\['force'\]\['top'\] = 0.1 is not allowed: must be a Prior, not float"):
+        mr.estimate(robot, unknown={"force": {"top": 0.1}}, measured=sensor)
+    with pytest.raises(ValueError, match=r"unknown\['force'\] = \(\) is not allowed: must be names"):
+        mr.estimate(robot, unknown={"force": {}}, measured=sensor)
+    with pytest.raises(ValueError, match="3 of force"):
+        mr.estimate(robot, unknown={"force": {"top": mr.Prior()}, "moment": {"top": mr.Prior()}}, measured=sensor)
+    with pytest.raises(ValueError, match=r"Prior.sigma of force\['top'\].*must be one number, or shape \(..., 3\)"):
+        mr.estimate(robot, unknown={"force": {"top": mr.Prior(0, sigma=np.ones(6))}}, measured=sensor)
+    alone = mr.SingleRod(WIRE)
+    with pytest.raises(ValueError, match=r"unknown\['tip_force'\] = 'rod' is not allowed: must not be by name"):
+        mr.estimate(alone, unknown={"tip_force": {"rod": prior}}, measured=sensor)
+    with pytest.raises(TypeError, match=r"unknown\['force'\]\['top'\] .* must be a Walk"):
+        mr.Estimator(robot, dt=0.01, unknown={"force": {"top": prior}}, sensors=sensor)
 
 
 def test_a_stored_rod_in_a_network_is_a_single_rod(single_rod_case, make_pose):

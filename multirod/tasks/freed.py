@@ -136,6 +136,21 @@ def columns(names: Sequence[str], sizes: Sequence[int]) -> NDArray[np.intp]:
     return np.concatenate(chosen) if chosen else np.zeros(0, dtype=np.intp)
 
 
+def every_label(names: Sequence[str], sizes: Sequence[int]) -> list[str]:
+    """What each number of these inputs is called in messages."""
+    return [f"{name}[{j}]" if size > 1 else name for name, size in zip(names, sizes, strict=True) for j in range(size)]
+
+
+def labels_of(robot: Assembly, names: Sequence[str], sizes: Sequence[int]) -> list[str]:
+    """The same of a robot's: by the names of rods, bodies or joints where inputs are taken so."""
+    result = []
+    for name, size in zip(names, sizes, strict=True):
+        places = parts_of(robot, name) if size > 1 else {}
+        parts = {f"{name}[{part!r}]": own.stop - own.start for part, own in places.items()} or {name: size}
+        result += every_label(tuple(parts), tuple(parts.values()))
+    return result
+
+
 def whole(names: Sequence[str]) -> tuple[str, ...]:
     """Those of which all numbers are chosen, so that nothing of what was given is left."""
     numbers = getattr(names, "numbers", {})

@@ -20,7 +20,7 @@ from multirod.naming import unknown_names
 from multirod.read_only import ReadOnly
 from multirod.results.remarks import Remarks
 from multirod.tasks.formulation import input_units, options
-from multirod.tasks.freed import columns, named, parts_of
+from multirod.tasks.freed import columns, labels_of, named, parts_of
 from multirod.validation import Described, FloatArray, array, nonnegative_float, number, positive_float, refuse, shown
 
 SHORTEST = 1e-3  # of its length, what of a rod stays in use
@@ -208,17 +208,6 @@ class LimitRows:
         return np.asarray(np.maximum(beyond / np.maximum(np.abs(self.matrix) @ unit, 1e-300), 0.0))
 
 
-def every_label(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
-    """What each number of these inputs is called in messages."""
-    return [f"{name}[{j}]" if size > 1 else name for name, size in zip(free, sizes, strict=True) for j in range(size)]
-
-
-def freed_labels(free: Sequence[str], sizes: Sequence[int]) -> list[str]:
-    """The same of those that are free."""
-    every = every_label(free, sizes)
-    return [every[k] for k in columns(free, sizes)]
-
-
 def told(error: float, angle: float, held_by: Sequence[str]) -> dict[str, str]:
     """How near a single result came to its target, for people; what is NaN was not asked for."""
     parts = {
@@ -279,13 +268,13 @@ def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> L
                 if end.ndim and len(end) != place.stop - place.start:
                     refuse(f"Limits.{name}", end.tolist(), f"must be a number or {place.stop - place.start} of them")
             low[place], high[place] = np.maximum(low[place], pair[0]), np.minimum(high[place], pair[1])
-    labels, own_columns = every_label(free, sizes), columns(free, sizes)
+    labels, own_columns = labels_of(robot, free, sizes), columns(free, sizes)
     kept = (np.isfinite(low) | np.isfinite(high)) & np.isin(np.arange(count), own_columns)
     rows = [np.eye(count)[kept]]
     lows, highs = [low[kept]], [high[kept]]
     names = [label for label, own in zip(labels, kept, strict=True) if own]
     if "translation" in starts:
-        for row, least, most, name in _order(robot, given.gap, starts["translation"], count):
+        for row, least, most, name in _order(robot, given.gap, starts["translation"], labels):
             rows.append(row[None])
             lows.append(np.array([least]))
             highs.append(np.array([most]))
@@ -333,7 +322,9 @@ def _natural(robot: Assembly, name: str, size: int) -> tuple[FloatArray, FloatAr
     return low, high
 
 
-def _order(robot: Assembly, gap: float | None, start: int, count: int) -> Iterator[tuple[FloatArray, float, float, str]]:
+def _order(
+    robot: Assembly, gap: float | None, start: int, labels: Sequence[str]
+) -> Iterator[tuple[FloatArray, float, float, str]]:
     """(11) Rows that keep tubes in order: how far each base is behind that of the tube around it."""
     ordered = False
     for first, own in _backbones(robot):
@@ -341,10 +332,10 @@ def _order(robot: Assembly, gap: float | None, start: int, count: int) -> Iterat
             continue
         ordered = True
         for k, (inner, outer) in enumerate(zip(own.rods[:-1], own.rods[1:], strict=True)):
-            row = np.zeros(count)
-            row[start + first + k], row[start + first + k + 1] = -1.0, 1.0
+            row, at = np.zeros(len(labels)), start + first + k
+            row[at], row[at + 1] = -1.0, 1.0
             most = inf if gap is None else float(np.min(inner.length - outer.length)) - gap
-            yield row, gap or 0.0, most, f"translation[{first + k + 1}] - translation[{first + k}]"
+            yield row, gap or 0.0, most, f"{labels[at + 1]} - {labels[at]}"
     if gap is not None and not ordered:
         refuse("Limits.gap", gap, "must not be given: the robot has no concentric tubes")
 

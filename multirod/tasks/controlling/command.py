@@ -75,7 +75,8 @@ class Command(Solution[Robot_co]):
     @property
     def held_by(self) -> tuple[str, ...]:
         """Limits that hold, whether they hold the tip back or others make up for it: such as ``"translation[0]"``,
-        ``"translation[1] - translation[0]"`` for a gap, ``"curvature"``, ``"stability_margin"``."""
+        ``"translation[1] - translation[0]"`` for a gap, ``"translation['rod 0']"`` of a ``Network``, ``"curvature"``,
+        ``"stability_margin"``."""
         holds = self._told[FREE + 8 * len(self.at_limit) :] != 0
         return tuple(name for name, own in zip(self._limits, holds, strict=True) if own)
 

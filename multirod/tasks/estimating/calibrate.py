@@ -16,14 +16,14 @@ from multirod.results.solution import Solution, SolveError
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Solver
 from multirod.status import Status
-from multirod.tasks.estimating.estimate import SEEN, checked_priors, estimate, inconsistent
+from multirod.tasks.estimating.estimate import SEEN, estimate, inconsistent
 from multirod.tasks.estimating.fit import Fit
 from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
 from multirod.tasks.estimating.priors import Prior
-from multirod.tasks.freed import places_of
-from multirod.tasks.limits import freed_labels
+from multirod.tasks.estimating.unknown import unknown_of
+from multirod.tasks.freed import every_label, freed, parts_of, places_of
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers
@@ -178,7 +178,7 @@ class Calibration(Undecided, Generic[Robot_co]):
             rest = [f"  and {', '.join(self.unknown)} of each shape"] if self.unknown else []
         else:
             names += self.unknown
-            labels += freed_labels(self.unknown, [len(self.value(name)) for name in self.unknown])
+            labels += every_label(self.unknown, [len(self.value(name)) for name in self.unknown])
         told = [np.concatenate([own(name) for name in names]) for own in (self.value, self.sigma, self.observable.__getitem__)]
         width = max(map(len, labels))
         lines = [
@@ -255,7 +255,7 @@ def calibrate(
     if names and loads.count <= rows.known.sum(axis=1).min():
         # as they are of the robot as it is: from anywhere both at once would take long
         options: dict[str, Any] = {"solver": method, "guess": guess, "max_iterations": most, "device": device}
-        alone = estimate(robot, whole, unknown={name: Prior() for name in names}, measured=sensors, **options)
+        alone = estimate(robot, whole, unknown={name: _of_all(robot, name) for name in names}, measured=sensors, **options)
         start, guess = loads.at(whole, alone), alone.solution
     begin = solve(robot, start, solver=method, guess=guess, device=device, progress=False)
     begin.raise_if_failed()
@@ -270,7 +270,15 @@ def _unknown(robot: Assembly, inputs: Inputs, unknown: object) -> tuple[str, ...
     if isinstance(unknown, Mapping):
         refuse("unknown", Described("priors by name"), f"must be names, {tuple(unknown)}: of these loads nothing is known")
     names = some_names("unknown", unknown)
-    return tuple(checked_priors(robot, inputs, {name: Prior() for name in names})) if names else ()
+    if not names:
+        return ()
+    freed("unknown", robot, names)
+    return tuple(unknown_of(robot, inputs, {name: _of_all(robot, name) for name in names}, Prior).names)
+
+
+def _of_all(robot: Assembly, name: str) -> Any:  # noqa: ANN401  (as ``unknown_of`` takes it)
+    """That nothing is known of an input, whatever motors drive of it."""
+    return {part: Prior() for part in parts_of(robot, name)} or Prior()
 
 
 def _fitted(numbers: Parameters, fit: Fit) -> Fitted:

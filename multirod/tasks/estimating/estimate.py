@@ -10,7 +10,6 @@ from typing import Any, Generic, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod import plausibility
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import Undecided, parts, run, thread_count
 from multirod.inputs import Inputs
@@ -25,12 +24,13 @@ from multirod.tasks.estimating.bounded import Bounds
 from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square, principal
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.estimating.priors import Prior
-from multirod.tasks.freed import freed, places_of, with_values
-from multirod.tasks.limits import freed_labels, known_rows
+from multirod.tasks.estimating.unknown import Unknown, unknown_of
+from multirod.tasks.freed import every_label, places_of, with_values
+from multirod.tasks.limits import known_rows
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers, StatusOrArray
-from multirod.validation import Described, FloatArray, choice, device_name, frozen, instance, positive_int, refuse
+from multirod.validation import Described, FloatArray, choice, device_name, frozen, positive_int, refuse
 
 SEEN = 0.5  # of the prior's variance: where more is kept, the prior says more than the measurements
 NOT_SHOWN = 1e-9  # of the largest of some numbers, what is not shown
@@ -189,7 +189,7 @@ class Estimate(Undecided, Generic[Robot_co]):
             return f"Estimate({self.status.name}: {self.status.message})"
         parts = [f"{name} {_numbers(self.value(name))} +- {_numbers(self.sigma(name))}" for name in self.unknown]
         parts += [f"unobservable: {said}" for name in self.unknown for said in [self._unseen(name)] if said]
-        labels = freed_labels(self.unknown, [self.value(name).shape[-1] for name in self.unknown])
+        labels = every_label(self.unknown, [self.value(name).shape[-1] for name in self.unknown])
         held = [label for label, own in zip(labels, self.at_limit.tolist(), strict=True) if own]
         parts += [f"at a limit: {', '.join(held)}"] if held else []
         parts += [] if self.consistent else [inconsistent(float(self.misfit), int(self.degrees))]
@@ -211,7 +211,7 @@ def estimate(
     robot: Robot,
     inputs: Inputs | None = None,
     *,
-    unknown: Mapping[str, Prior],
+    unknown: Mapping[str, Prior | Mapping[str, Prior]],
     measured: Sensor | Sequence[Sensor],
     solver: Solver | None = None,
     guess: Solution | Numbers | None = None,
@@ -227,7 +227,9 @@ def estimate(
     Args:
         robot: The assembly.
         inputs: What is known of the others, made by ``robot.inputs(...)``; none are all zero.
-        unknown: What is to be estimated: inputs by name, each with its ``Prior``.
+        unknown: What is to be estimated: inputs by name, each with its ``Prior``; of a ``Network`` also by the names of rods,
+            bodies or joints, ``{"force": {"plate": Prior(0, sigma=1)}}``. ``rotation`` and ``translation`` of a network that says
+            which rods are ``driven`` are theirs, unless others are named.
         measured: ``Pose``, ``Curvature``, ``ForceTorque``, ``Tension``, or several, each with ``sigma``. What is NaN is gone
             without, and ``missing`` says so.
         solver: That finds the equilibrium at the priors' means, where it begins; its integrator and tolerance are used.
@@ -246,18 +248,18 @@ def estimate(
     method = as_solver(robot, solver)
     device = device_name("device", device)
     given = robot.accept(inputs)
-    priors = checked_priors(robot, given, unknown)
+    asked = unknown_of(robot, given, unknown, Prior)
     sensors = checked("measured", measured)
     most = positive_int("max_iterations", max_iterations)
-    whole = _axes(robot, given, priors, sensors)
+    whole = _axes(robot, given, asked, sensors)
     places = Places(robot, given, sensors)
     rows = sum(sensor.count for sensor in sensors)
-    if _flat(priors, given):
+    if asked.flat():
         known = Measured(sensors, places, whole, None).known
         refuse_nothing("measured", known)
         rows = int(known.sum(axis=1).max())
-    _refuse_more(priors, given, rows)
-    scene = Known(robot, at_means(robot, given, priors, whole), priors, sensors, places, whole, method, device, most, guess)
+    _refuse_more(asked.flat(), rows)
+    scene = Known(robot, asked.at_means(robot, given, whole), asked, sensors, places, whole, method, device, most, guess)
     count = prod(whole)
     workers = thread_count(threads)
     if not count:
@@ -284,11 +286,11 @@ def inconsistent(misfit: float, degrees: int) -> str:
 
 def _empty(scene: Known) -> Estimate[Any]:
     """Of no instance."""
-    places, shape = places_of(scene.inputs, tuple(scene.priors)), scene.batch_shape
+    places, shape = places_of(scene.inputs, scene.unknown.names), scene.batch_shape
     k, none = sum(place.stop - place.start for place in places.values()), np.zeros(shape)
     solution = solve(scene.robot, scene.inputs, solver=scene.solver, device=scene.device)
     square, missing = np.zeros((*shape, k, k)), np.zeros((*shape, len(scene.sensors)), dtype=bool)
-    bounds = Bounds(*known_rows(scene.robot, None, tuple(scene.priors))[:2])
+    bounds = Bounds(*known_rows(scene.robot, None, scene.unknown.names)[:2])
     degrees = none.astype(np.int64)
     return Estimate(solution, places, np.zeros((*shape, k)), square, square, missing, none, degrees, (), bounds=bounds)
 
@@ -303,13 +305,13 @@ def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
 
     outcome = Outcome.joined([Outcome(p.outcome.status, p.outcome.iterations, p.outcome.integrations) for p in pieces])
     records = np.concatenate([part.task.problem.snapshot() for part in pieces])
-    places = places_of(scene.inputs, tuple(scene.priors))
+    places = places_of(scene.inputs, scene.unknown.names)
     failed = failures(outcome.status).reshape(shape)
     mean, covariance, misfit = (np.array(join(name)) for name in ("p", "covariance", "square"))
     for values in (mean, covariance, misfit):
         values[failed] = np.nan
     known = np.where(failed[..., None], join("mean"), mean)  # an input cannot be NaN
-    inputs = with_values(scene.inputs, tuple(scene.priors), known)
+    inputs = with_values(scene.inputs, scene.unknown.names, known)
     results = Scene(scene.robot, shape, scene.solver.integrator, scene.device, first.task.problem.record_fields)
     solution: Solution[Any] = Solution(results, records, outcome, inputs)
     if not shape:
@@ -329,26 +331,10 @@ def remarked(places: Mapping[str, slice], covariance: FloatArray, measured: Meas
     return Remarks(measured=measured.position(), covariances=forces)
 
 
-def checked_priors(robot: Assembly, inputs: Inputs, unknown: object) -> dict[str, Prior]:
-    """Checked priors by the names of inputs."""
-    if not isinstance(unknown, Mapping):
-        raise TypeError(
-            f"unknown = {unknown!r} is not allowed: must be priors by name, such as {{'tip_force': Prior(sigma=0.25)}}"
-        )
-    names = freed("unknown", robot, tuple(unknown))
-    for name in names:
-        instance(f"unknown[{name!r}]", unknown[name], Prior, "a Prior")
-        if name in inputs.profiles:
-            refuse(name, Described("a function of arclength"), "must be numbers, where it is to be estimated")
-        if unknown[name].covariance is None:
-            plausibility.of_prior_sigma(f"Prior.sigma of {name}", unknown[name].sigma, inputs.spec(name), robot)
-    return {name: unknown[name] for name in names}
-
-
-def _axes(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], sensors: Sequence[Sensor]) -> tuple[int, ...]:
+def _axes(robot: Assembly, inputs: Inputs, unknown: Unknown[Prior], sensors: Sequence[Sensor]) -> tuple[int, ...]:
     """Leading axes of all together."""
     shapes = {"inputs": inputs.batch_shape, "the robot": robot.batch_shape, "measured": batch_of(sensors)}
-    shapes |= {f"the prior of {name}": prior.batch_shape for name, prior in priors.items()}
+    shapes |= {f"the prior of {part.said}": part.known.batch_shape for part in unknown.parts}
     try:
         return np.broadcast_shapes(*shapes.values())
     except ValueError:
@@ -356,24 +342,8 @@ def _axes(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], sensors:
         raise ValueError(f"the leading axes do not broadcast: {said}") from None
 
 
-def at_means(robot: Assembly, inputs: Inputs, priors: Mapping[str, Prior], whole: tuple[int, ...]) -> Inputs:
-    """The inputs at the priors' means, of all leading axes."""
-    held = inputs.arrays
-    for name, prior in priors.items():
-        values = prior.means(name, getattr(inputs, name), whole, None)
-        held[name] = values.reshape((*whole, values.shape[-1]))
-    return robot.accept(inputs.with_arrays(held), "the priors' means")
-
-
-def _flat(priors: Mapping[str, Prior], inputs: Inputs) -> dict[str, int]:
-    """How many numbers of each input have no prior, of those where any has none."""
-    counts = {name: prior.flat_count(name, getattr(inputs, name).shape[-1]) for name, prior in priors.items()}
-    return {name: count for name, count in counts.items() if count}
-
-
-def _refuse_more(priors: Mapping[str, Prior], inputs: Inputs, rows: int) -> None:
+def _refuse_more(flat: Mapping[str, int], rows: int) -> None:
     """Refuse more numbers without a prior than are measured."""
-    flat = _flat(priors, inputs)
     if sum(flat.values()) > rows:
         names = ", ".join(f"{count} of {name}" for name, count in flat.items())
         refuse(

@@ -7,7 +7,7 @@ from typing import Generic, Unpack
 import numpy as np
 
 from multirod import plausibility
-from multirod.assembly import Assembly, Robot_co
+from multirod.assembly import Robot_co
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
@@ -18,17 +18,18 @@ from multirod.running.simulation import as_robot
 from multirod.running.tracker import Tracker
 from multirod.solvers.shooting import Shooting
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.estimate import Estimate, at_means, remarked
+from multirod.tasks.estimating.estimate import Estimate, remarked
 from multirod.tasks.estimating.filtering import FIRST, FilterSolver
-from multirod.tasks.estimating.iteration import Known, block_diagonal
-from multirod.tasks.estimating.priors import Prior, Walk
+from multirod.tasks.estimating.iteration import Known
+from multirod.tasks.estimating.priors import Walk
+from multirod.tasks.estimating.unknown import unknown_of
 from multirod.tasks.formulation import options
-from multirod.tasks.freed import freed, places_of
+from multirod.tasks.freed import places_of
 from multirod.tasks.limits import known_rows
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Live, Sensor, batch_of, checked
 from multirod.types import Numbers
-from multirod.validation import Described, array, device_name, instance, positive_float, refuse
+from multirod.validation import array, device_name, instance, positive_float, refuse
 
 
 class Estimator(Uncopied, Generic[Robot_co]):
@@ -39,7 +40,8 @@ class Estimator(Uncopied, Generic[Robot_co]):
     Args:
         robot: The assembly.
         dt: Time between samples [s].
-        unknown: What is to be estimated: inputs by name, each with its ``Walk``.
+        unknown: What is to be estimated: inputs by name, each with its ``Walk``, of a ``Network`` also by the
+            names of rods, bodies or joints, as for ``estimate``.
         sensors: What is measured at each sample: ``Pose``, ``Curvature``, ``ForceTorque``, ``Tension``, or several, each with
             ``sigma``; what was measured in them is not used.
         inputs: What is known of the others at the start; their batch axes are kept.
@@ -62,7 +64,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         robot: Robot_co,
         *,
         dt: float,
-        unknown: Mapping[str, Walk],
+        unknown: Mapping[str, Walk | Mapping[str, Walk]],
         sensors: Sensor | Sequence[Sensor],
         inputs: Inputs | None = None,
         gate: float | None = None,
@@ -75,15 +77,12 @@ class Estimator(Uncopied, Generic[Robot_co]):
         passed = None if gate is None else positive_float("Estimator.gate", gate)
         if passed is not None and not 0.5 <= passed < 1:
             refuse("Estimator.gate", gate, "must be the part of sound measurements that passes, from 0.5 to below 1, or None")
-        walks = _walks(as_robot(robot), unknown)
-        names, starts = tuple(walks), {name: walk.start for name, walk in walks.items()}
-        given, parts = robot.accept(inputs), checked("sensors", sensors)
+        given, parts = as_robot(robot).accept(inputs), checked("sensors", sensors)
+        walks = unknown_of(robot, given, unknown, Walk)
+        names, starts = walks.names, walks.starts()
         whole = np.broadcast_shapes(given.batch_shape, robot.batch_shape, batch_of(parts))
-        given = at_means(robot, given, starts, whole)
-        sizes = [getattr(given, name).shape[-1] for name in names]
-        rates = [walks[name].rates(name, size, whole) for name, size in zip(names, sizes, strict=True)]
-        walked = np.concatenate(rates, axis=1)[:, None, :] * np.eye(sum(sizes)) * step
-        begin = [starts[name].variances(name, size, whole, None) for name, size in zip(names, sizes, strict=True)]
+        given, rates = starts.at_means(robot, given, whole), walks.rates(whole)
+        walked = rates[:, None, :] * np.eye(rates.shape[1]) * step
         method = RK45() if integrator is None else integrator
         instance("Estimator.integrator", method, Integrator, "an Integrator, such as RK4(50)")
         if guess is not None and not isinstance(guess, Solution):
@@ -92,7 +91,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         known = Known(robot, given, starts, parts, places, whole, Shooting(integrator=method), device, FIRST, guess)
         self._bounds = Bounds(*known_rows(robot, None, names)[:2])
         live = Live(parts, places, whole, device)
-        self._filter = FilterSolver(known, live, walked, block_diagonal(begin), passed, self._bounds)
+        self._filter = FilterSolver(known, live, walked, starts.variances(whole, None), passed, self._bounds)
         self._filter.present = self._present
         self._robot, self._places = robot, places_of(given, names)
         self._whole, self._dt = whole, step
@@ -106,7 +105,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
 
     def __repr__(self) -> str:
         known = self._filter.known
-        walks = ", ".join(f"{name} walks" for name in known.priors)
+        walks = ", ".join(f"{part.said} walks" for part in known.unknown.parts)
         batch = [f"batch {self._whole}"] * bool(self._whole)
         return f"Estimator({', '.join([repr(self._robot), walks, *map(repr, known.sensors), f'dt {self._dt:g} s', *batch])})"
 
@@ -175,17 +174,3 @@ class _Tracker(Tracker[Robot_co]):
     def present(self) -> Inputs:
         """The inputs, from within a step."""
         return self._present()
-
-
-def _walks(robot: Assembly, unknown: object) -> dict[str, Walk]:
-    """Checked walks by the names of inputs."""
-    if not isinstance(unknown, Mapping):
-        raise TypeError(f"unknown = {unknown!r} is not allowed: must be walks by name, such as {{'tip_force': Walk(0.3)}}")
-    specs = {spec.name: spec for spec in robot.input_specs}
-    for name in freed("unknown", robot, tuple(unknown)):
-        instance(f"unknown[{name!r}]", unknown[name], Walk, "a Walk")
-        plausibility.of_prior_sigma(f"Walk.sigma of {name}", unknown[name].sigma, specs[name], robot)
-        start: Prior = unknown[name].start
-        if start.covariance is None and np.isinf(start.sigma).any():
-            refuse(f"unknown[{name!r}].start", Described("a prior without sigma"), "must say how sure the first sample is")
-    return dict(unknown)

@@ -16,7 +16,6 @@ from multirod.status import Status, failures
 from multirod.tasks.condensed import condensed
 from multirod.tasks.condensed_kernels import Condensed
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.estimate import at_means
 from multirod.tasks.estimating.filter_kernels import Filter, make_filter
 from multirod.tasks.estimating.inference import Posterior, deviations, largest_square, roots
 from multirod.tasks.estimating.iteration import Known, Part
@@ -47,7 +46,7 @@ class FilterSolver(Solver):
         self, known: Known, live: Live, walked: FloatArray, start: FloatArray, gate: float | None, bounds: Bounds
     ) -> None:
         self.known, self.live, self.start, self.bounds = known, live, start, bounds
-        self.names = tuple(known.priors)
+        self.names = known.unknown.names
         self.integrator = known.solver.integrator
         self.pose_sensitivities = True
         self.present: Any = None
@@ -277,7 +276,7 @@ class _FilterTrack(Track):
             return
         known, scene = self.known, self.known.known
         every = len(chosen) == len(known.begun)
-        now = replace(scene, inputs=at_means(scene.robot, known.present(), scene.priors, scene.batch_shape))
+        now = replace(scene, inputs=scene.unknown.at_means(scene.robot, known.present(), scene.batch_shape))
         measured = known.live if every else known.live.take(chosen)
         part = Part(now, slice(None) if every else chosen, None if every else chosen, measured)
         part.run()

@@ -3,6 +3,7 @@
 Numbers in parentheses are those of ``docs/estimation.md``.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,18 @@ def roots(covariance: FloatArray) -> FloatArray:
     finite = np.where(flat[:, :, None] | flat[:, None, :], np.eye(flat.shape[1]), covariance)
     inverse = np.linalg.inv(np.linalg.cholesky(finite))
     return np.asarray(np.where(flat[:, :, None], 0.0, inverse))
+
+
+def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
+    """(b, k, k) of blocks of each."""
+    size = sum(block.shape[-1] for block in blocks)
+    result = np.zeros((len(blocks[0]), size, size))
+    first = 0
+    for block in blocks:
+        last = first + block.shape[-1]
+        result[:, first:last, first:last] = block
+        first = last
+    return result
 
 
 def deviations(covariance: FloatArray) -> FloatArray:

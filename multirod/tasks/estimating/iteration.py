@@ -1,6 +1,5 @@
 """Gauss-Newton steps to the most probable inputs, many instances at once. Numbers in parentheses: ``docs/estimation.md``."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -20,6 +19,7 @@ from multirod.tasks.estimating.kinked import Kinked
 from multirod.tasks.estimating.let_out import LetOut
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.estimating.settling import Settling
+from multirod.tasks.estimating.unknown import Unknown
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.limits import known_rows
 from multirod.tasks.measuring.along import Places
@@ -42,7 +42,7 @@ class Known:
 
     robot: Any
     inputs: Inputs
-    priors: dict[str, Prior]
+    unknown: Unknown[Prior]
     sensors: tuple[Sensor, ...]
     places: Places
     batch_shape: tuple[int, ...]
@@ -63,7 +63,7 @@ class Part:
         self, scene: Known, piece: slice | IntArray, instances: IntArray | None, measured: Measured | None = None
     ) -> None:
         self.scene, self.piece, self.instances = scene, piece, instances
-        robot, inputs, names = scene.robot, scene.inputs, tuple(scene.priors)
+        robot, inputs, names = scene.robot, scene.inputs, scene.unknown.names
         options: dict[str, Any] = {"integrator": scene.solver.integrator, "device": scene.device, "instances": instances}
         limits, unit, task_options = known_rows(robot, None, names)
         self.bounds = Bounds(limits, unit)
@@ -71,9 +71,7 @@ class Part:
         self.measured = measured or Measured(scene.sensors, scene.places, scene.batch_shape, instances)
         whole = (scene.batch_shape, instances)
         self.task = self.measured.task(problem, names)
-        self.prior = block_diagonal(
-            [scene.priors[name].variances(name, getattr(inputs, name).shape[-1], *whole) for name in names]
-        )
+        self.prior = scene.unknown.variances(*whole)
         self.root = roots(self.prior)
         self.mean = self.task.values()
         self.count, n, k = problem.instance_count, problem.unknown_count, self.task.count
@@ -271,15 +269,3 @@ class Part:
         self.returned[own] += 2
         self.part[own], self.restoring[own], self.shortened[own] = self.base_part[own], False, 0
         go_on[own] = self.returned[own] <= HALVINGS
-
-
-def block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
-    """(b, k, k) of blocks of each."""
-    size = sum(block.shape[-1] for block in blocks)
-    result = np.zeros((len(blocks[0]), size, size))
-    first = 0
-    for block in blocks:
-        last = first + block.shape[-1]
-        result[:, first:last, first:last] = block
-        first = last
-    return result

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from multirod.running.simulation import solve
 from multirod.status import Status
 from multirod.tasks.estimating.inference import deviations
-from multirod.tasks.freed import with_values
+from multirod.tasks.freed import values_of, with_values
 
 if TYPE_CHECKING:
     from multirod.tasks.estimating.iteration import Part
@@ -47,10 +47,10 @@ class LetOut:
         """Unknowns at the inputs ``p`` of some instances, and which were found."""
         part, scene = self._part, self._part.scene
         numbers = rows if part.instances is None else part.instances[rows]
-        values = [getattr(scene.inputs, name) for name in scene.priors]
-        every = np.concatenate(values, axis=-1).reshape(prod(scene.batch_shape), -1)
+        names = scene.unknown.names
+        every = values_of(scene.inputs, names).reshape(prod(scene.batch_shape), -1)
         every[numbers] = p
-        inputs = with_values(scene.inputs, tuple(scene.priors), every.reshape(*scene.batch_shape, -1))
+        inputs = with_values(scene.inputs, names, every.reshape(*scene.batch_shape, -1))
         options: dict[str, Any] = {"solver": scene.solver, "device": scene.device, "threads": 1, "progress": False}
         found = solve(scene.robot, inputs, instances=numbers, **options)
         part.outcome.integrations[rows] += found.integrations

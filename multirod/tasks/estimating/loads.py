@@ -8,7 +8,7 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.tasks.estimating.estimate import Estimate
-from multirod.tasks.estimating.iteration import block_diagonal
+from multirod.tasks.estimating.inference import block_diagonal
 from multirod.tasks.freed import places_of, with_values
 from multirod.tasks.limits import known_rows
 from multirod.validation import Described, FloatArray, refuse

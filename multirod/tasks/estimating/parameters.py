@@ -11,7 +11,7 @@ from multirod.profile import Profile
 from multirod.read_only import changed
 from multirod.rod import Rod, Section
 from multirod.rotations import left_jacobian, matrices
-from multirod.tasks.estimating.iteration import block_diagonal
+from multirod.tasks.estimating.inference import block_diagonal
 from multirod.tasks.estimating.priors import Prior
 from multirod.validation import FloatArray, refuse
 
