@@ -128,12 +128,48 @@ def test_what_only_rounding_decides_is_found_or_said():
     assert [warning.category for warning in said] == [mr.IncompleteWarning] * (found.missing > 0)
 
 
+@pytest.mark.parametrize(
+    ("counts", "absent"),
+    [
+        ([1], 0),
+        ([], 1),
+        ([2], 1),
+        ([2, 1], 0),
+        ([1, 1], 1),
+        ([0, 1], 2),  # a stable one, and one that is in a pair with what was found
+        ([0, 0, 2, 2, 1], 2),
+        ([2, 0, 2, 2, 1], 2),
+        ([2, 2, 2, 2, 1], 0),
+        ([3, 1, 1], 2),  # the third needs another of index 1, and that of index 2 as well
+    ],
+)
+def test_all_but_one_stable_state_come_in_pairs_of_neighbouring_index(counts, absent):
+    """(8b), by hand: which pairs are left alone."""
+    assert import_module("multirod.studies.equilibria")._absent(np.array(counts, dtype=int)) == absent
+
+
+def test_stable_states_that_are_missing_are_known_of_though_the_signs_add_up(monkeypatch):
+    """Of nine, starts reach five of higher index first, whose signs add up to 1."""
+    robot = strongly_curved(14.0)
+    inputs = robot.inputs(rotation=(0, 3.1))
+    with monkeypatch.context() as patch:
+        patch.setattr(import_module("multirod.studies.equilibria"), "_search_on", lambda *_: None)
+        with pytest.warns(mr.IncompleteWarning, match="are missing at least, by what is unstable"):
+            found = mr.equilibria(robot, inputs, starts=64)
+    assert not (found.index == 0).any()
+    assert degree(found) == 1
+    assert 2 <= found.missing <= 9 - len(found.index)
+    whole = mr.equilibria(robot, inputs, starts=64)
+    np.testing.assert_array_equal(np.sort(whole.index), [0, 0, 1, 1, 2, 2, 3, 3, 4])
+    assert whole.missing == 0
+
+
 def test_a_list_that_breaks_the_rule_of_signs_says_so(monkeypatch):
     monkeypatch.setattr(
         import_module("multirod.studies.equilibria"), "FOLLOWED", 0
     )  # the package shows the function by this name
     robot = strongly_curved(12.0)
-    with pytest.warns(mr.IncompleteWarning, match="[12] equilibria are missing at least, by the signs"):
+    with pytest.warns(mr.IncompleteWarning, match="[12] equilibria are missing at least, by what is unstable"):
         found = mr.equilibria(robot, robot.inputs(rotation=(0, 3.1)))
     assert found.missing == abs(degree(found) - 1)
     assert f"; {found.missing} missing at least)" in repr(found)

@@ -265,7 +265,7 @@ def equilibria(found: "Equilibria") -> str:
         rows.append([*row, *found.tip_position[k], found.condition[k]])
     missing = {None: "whether others are missing is not known", 0: "none is known to be missing"}
     count = found.missing
-    note = missing.get(count, f"{count} missing at least, by the signs of the determinant")
+    note = missing.get(count, f"{count} missing at least, by what is unstable of those found")
     notes = [note] if len(rows) == total else [f"the first {len(rows)} of {total:,} are shown", note]
     return table(f"Equilibria of {type(found.assembly).__name__}: {total:,} found", header, rows, notes)
 

@@ -1,6 +1,7 @@
 """All equilibria of one robot at one set of inputs."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -33,9 +34,10 @@ class Equilibria(Solution[Robot_co]):
     """The equilibria of one robot at one set of inputs, the one of lowest potential energy first, shape (k,).
 
     Attributes:
-        missing: How many are missing at least, by the signs of ``determinant``, which add up to a number that is known
-            (``docs/stability.md``, (8)): 0 is no proof that none is. None where that rule says nothing: parallel robots, and
-            where one of the equilibria has a neutral mode, which may be several in one place.
+        missing: How many are missing at least, by their ``index``: there is a stable one, and others come in pairs of
+            neighbouring index (``docs/stability.md``, (8b)); without a potential by the signs of ``determinant`` alone, (8). 0 is
+            no proof that none is. None where these rules say nothing: parallel robots, and where one of the equilibria has a
+            neutral mode, which may be several in one place.
         continuum: Whether each stands for a closed curve of equilibria, such as a buckled column for all its turns about its
             axis, shape (k,). It is neutral along that (``Stability.FOLD``), and ``index`` counts its unstable modes across.
     """
@@ -59,8 +61,10 @@ class Equilibria(Solution[Robot_co]):
             """Values of ``Stability``, shape (k,)."""
 
     @classmethod
-    def of(cls, found: Solution[Robot_co], degree: float | None, continuum: NDArray[np.bool_]) -> "Equilibria[Robot_co]":
-        """Those of a solution, of which the signs must add up to ``degree``."""
+    def of(
+        cls, found: Solution[Robot_co], degree: float | None, continuum: NDArray[np.bool_], unsolved: int = 0
+    ) -> "Equilibria[Robot_co]":
+        """Those of a solution, of which the signs must add up to ``degree``; so many closed curves are ``unsolved``."""
         result = cls.__new__(cls)
         result.__dict__.update(found.__dict__)
         result.continuum = frozen(continuum)
@@ -68,7 +72,11 @@ class Equilibria(Solution[Robot_co]):
         neutral = ~continuum & (found.stability == Stability.FOLD)
         # each that has a neutral mode counts for 1, 0 or -1
         gap = 0 if degree is None else int(abs(degree - alone[~neutral].sum()) - neutral.sum())
-        result.missing = None if degree is None or (gap <= 0 and neutral.any()) else gap
+        missing = None if degree is None or (gap <= 0 and neutral.any()) else gap
+        if degree == 1 and not unsolved and not neutral.any() and (found.index >= 0).all() and np.isfinite(found.potential).all():
+            circles = found.index[continuum]
+            missing = _absent(np.bincount(np.concatenate([found.index, circles + 1])))
+        result.missing = missing
         return result
 
     def _repr_html_(self) -> str:
@@ -111,8 +119,8 @@ def equilibria(
         elastic energy.
 
     Warns:
-        IncompleteWarning: If some are known to be missing, by the signs or because the integrator is too coarse to solve them, or
-            the integrations that are allowed were used up.
+        IncompleteWarning: If some are known to be missing, by their index or because the integrator is too coarse to solve them,
+            or the integrations that are allowed were used up.
 
     Raises:
         SolveError: If none is found.
@@ -159,31 +167,28 @@ def equilibria(
         if catalogue.missing:
             _search_on(catalogue, robot, inputs, method, device, budget)
     except Spent:
-        warn(
-            f"the {method.max_integrations} integrations allowed were used up before the search came to its end: give a "
-            "solver with more max_integrations",
-            IncompleteWarning,
-        )
+        pass
     problem.budget = alone.budget = None
     if budget.left < 0:  # what had converged in the round that was cut off
         _take(catalogue, problem, newton.outcome().status == Status.CONVERGED, beside=False)
     if not catalogue.unknowns:
         more = "give the solver more max_integrations" if budget.left < 0 else "raise starts, or loosen the solver's tolerance"
         raise SolveError(f"no equilibrium was found from {starts} starts: {more}")
-    inputs = _repeated(inputs, len(catalogue.unknowns))
-    found = solve(robot, inputs, solver=method, guess=np.array(catalogue.unknowns), device=device)
-    chosen = np.array(_different(found))
-    chosen = chosen[~failures(found.status[chosen])]  # rounding may keep what a branch came by from the tolerance
-    if not len(chosen):
-        raise SolveError("no equilibrium was found within the tolerance: loosen the solver's tolerance")
-    found = found[chosen]
-    energy = found.potential if np.isfinite(found.potential).all() else found.energy
-    order = np.argsort(energy, kind="stable")
-    result = Equilibria.of(found[order], catalogue.degree, np.isin(chosen[order], list(catalogue.curves)))
+    result = _listed(catalogue, robot, inputs, method, device)
+    if result.missing and not catalogue.missing and budget.left > 0:  # of which the signs do not tell
+        with suppress(Spent):
+            _search_on(catalogue, robot, inputs, method, device, budget, result.missing)
+        result = _listed(catalogue, robot, inputs, method, device)
+    if budget.left < 0:
+        warn(
+            f"the {method.max_integrations} integrations allowed were used up before the search came to its end: give a "
+            "solver with more max_integrations",
+            IncompleteWarning,
+        )
     if result.missing:
         warn(
-            f"{result.missing} equilibria are missing at least, by the signs of those found; raise starts, or give a solver with "
-            "a tighter tolerance and integrator",
+            f"{result.missing} equilibria are missing at least, by what is unstable of those found; raise starts, or give a "
+            "solver with a tighter tolerance and integrator",
             IncompleteWarning,
         )
     if catalogue.unsolved:
@@ -195,6 +200,21 @@ def equilibria(
             IncompleteWarning,
         )
     return result
+
+
+def _listed(catalogue: Catalogue, robot: Robot, inputs: Inputs, method: Shooting, device: str) -> Equilibria[Robot]:
+    """Those of a catalogue, told apart by their index too, the one of lowest energy first."""
+    guess = np.array(catalogue.unknowns)
+    found = solve(robot, _repeated(inputs, len(guess)), solver=method, guess=guess, device=device)
+    chosen = np.array(_different(found))
+    chosen = chosen[~failures(found.status[chosen])]  # rounding may keep what a branch came by from the tolerance
+    if not len(chosen):
+        raise SolveError("no equilibrium was found within the tolerance: loosen the solver's tolerance")
+    found = found[chosen]
+    energy = found.potential if np.isfinite(found.potential).all() else found.energy
+    order = np.argsort(energy, kind="stable")
+    circles = np.isin(chosen[order], list(catalogue.curves))
+    return Equilibria.of(found[order], catalogue.degree, circles, len(catalogue.unsolved))
 
 
 def _take(catalogue: Catalogue, problem: BoundaryProblem, reached: NDArray[np.bool_], *, beside: bool = True) -> None:
@@ -221,6 +241,16 @@ def _take_meant(catalogue: Catalogue, problem: BoundaryProblem, method: Shooting
     problem.budget = budget
 
 
+def _absent(counts: NDArray[np.intp]) -> int:
+    """(8b) How many equilibria are missing at least where so many are found of each index."""
+    absent, alone = 0, 1  # the one that is in no pair
+    for count in counts.tolist():
+        alone = count - alone  # which pair with some of the next index
+        absent += max(-alone, 0)
+        alone = max(alone, 0)
+    return absent + alone
+
+
 def _signs(found: Solution) -> FloatArray:
     """Signs of ``det Gamma`` (k,): by the index where it is known, which is told by an integration over more nodes."""
     return np.asarray(np.where(found.index >= 0, (-1.0) ** found.index, np.sign(found.determinant)))
@@ -236,8 +266,12 @@ def _different(found: Solution) -> list[int]:
     return result
 
 
-def _search_on(catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Shooting, device: str, budget: Budget) -> None:
-    """Add the equilibrium that ``solve`` means, and what branches through those found come by as rotations and loads change."""
+def _search_on(
+    catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Shooting, device: str, budget: Budget, more: int = 0
+) -> None:
+    """Add the equilibrium that ``solve`` means, and what branches through those found come by as rotations and loads change: at
+    least so many ``more``, and until the signs add up."""
+    enough = len(catalogue.unknowns) + more
     problem = robot.problem(inputs, integrator=method.integrator, device=device, direction_count=1, enabled=("rotation",))
     unloaded_ = problem.pack(unloaded(robot, inputs))[0]
     here = problem.pack(inputs)[0]
@@ -264,7 +298,7 @@ def _search_on(catalogue: Catalogue, robot: Assembly, inputs: Inputs, method: Sh
             branch = Branch(equations, length=length, unit=1.0, tolerance=catalogue.tolerance, growth=0.0, inspected=False)
             for point in branch.returns(branch.first(unknowns, way), reach, FOLLOWED_STEPS):
                 catalogue.add(branch.unknowns(point), point.gamma)
-                if not catalogue.missing:
+                if not catalogue.missing and len(catalogue.unknowns) >= enough:
                     return
 
 
