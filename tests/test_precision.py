@@ -226,6 +226,17 @@ def test_stability_and_rescue_are_double_precision():
     assert np.abs(single.tip_position - double.tip_position)[0].max() < 1e-5  # RK45 at 1e-6
 
 
+@pytest.mark.parametrize("scene", [three_tubes, six_legs])
+def test_what_single_precision_does_not_reach_is_solved_in_double(scene):
+    """A tolerance below its floor: the same branch, not the lowest of all that a search comes to, to the last bit."""
+    robot, inputs = scene()
+    found, expected = (mr.solve(robot, inputs, solver=mr.Shooting(integrator=own, tolerance=1e-9)) for own in (SINGLE, DOUBLE))
+    assert (expected.status == mr.Status.CONVERGED).all()
+    np.testing.assert_array_equal(found.status, expected.status)
+    np.testing.assert_array_equal(found.unknowns, expected.unknowns)
+    assert (found.integrations > expected.integrations).all()
+
+
 def test_observer(wire):
     robot = mr.SingleRod(wire)
     t = np.arange(0, 0.2, 0.005)

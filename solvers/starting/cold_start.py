@@ -4,8 +4,10 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from multirod.problem import BoundaryProblem
+from multirod.capabilities import Parts
+from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Left, Outcome
 from multirod.solvers.continuation.natural import let_go, natural_branch
 from multirod.solvers.following.follow import ENDED
@@ -120,6 +122,8 @@ class ColdStart:
         """From where the natural branch ended before the full load, by each way that is open to what has no result yet."""
         if not self.lost.any():
             return self.outcome
+        if self.options.fallback and self.problem.rounding > DOUBLE_ROUNDING and self.problem.parts is not None:
+            return self._in_double(self.problem.parts)
         with self._searching():
             self._released().begin(self.lost & np.isin(self.outcome.status, WITHOUT_REASON))
             self._put_together()
@@ -153,13 +157,27 @@ class ColdStart:
         if len(places):
             assert problem.parts is not None  # what knows its reach offers parts
             part = problem.parts.of(places)
-            found = ColdStart(self.options, part, self.newton.of(part, places)).run()
-            for name in ("status", "iterations", "integrations"):
-                getattr(outcome, name)[places] = getattr(found, name)
-            outcome.events = {int(places[k]): events for k, events in found.events.items()}
-            outcome.breakpoints = {int(places[k]): points for k, points in found.breakpoints.items()}
-            problem.keep(part, places)
+            self._take(places, part, ColdStart(self.options, part, self.newton.of(part, places)).run())
         return outcome
+
+    def _in_double(self, parts: Parts) -> Outcome:
+        """What has no result yet anew: rounding of single precision may have ended its branch, and hides which others there are."""
+        places = np.flatnonzero(self.lost)
+        part = parts.of(places, double=True)
+        newton = self.newton.of(part, places)
+        newton.allow(self._allowed[places])
+        self._take(places, part, ColdStart(self.options, part, newton).run())
+        return self.outcome
+
+    def _take(self, places: NDArray[np.intp], part: BoundaryProblem, found: Outcome) -> None:
+        """What was found of some instances by a ``part`` of the problem."""
+        outcome = self.outcome
+        outcome.status[places] = found.status
+        outcome.iterations[places] += found.iterations
+        outcome.integrations[places] += found.integrations
+        outcome.events |= {int(places[k]): events for k, events in found.events.items()}
+        outcome.breakpoints |= {int(places[k]): points for k, points in found.breakpoints.items()}
+        self.problem.keep(part, places)
 
     def _let_out(self) -> None:
         """What ended beside a line at its kink, from where lines are longer."""
