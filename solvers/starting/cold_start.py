@@ -161,7 +161,7 @@ class ColdStart:
         return outcome
 
     def _in_double(self, parts: Parts) -> Outcome:
-        """What has no result yet anew: rounding of single precision may have ended its branch, and hides which others there are."""
+        """What has no result yet anew: rounding of single precision may have ended its branch, and hides others."""
         places = np.flatnonzero(self.lost)
         part = parts.of(places, double=True)
         newton = self.newton.of(part, places)
