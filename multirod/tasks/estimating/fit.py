@@ -17,8 +17,10 @@ from multirod.stability import Stability
 from multirod.status import Status
 from multirod.tasks.estimating.inference import SETTLED, Posterior, posterior, roots, units
 from multirod.tasks.estimating.iteration import HALVINGS, RESTORED, SLACK, TOLERANCE
+from multirod.tasks.estimating.kinked import DECREASE, ENDLESS
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import Parameters
+from multirod.tasks.estimating.settling import GOOD, LONGER, POOR, ROUNDING, SHORTER, SHORTEST, SPENT
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.sensors import Measured
@@ -100,14 +102,18 @@ class Fit:
             x = self._problem(self.robot, p).adopt(x)
         here = self._at(x, p)
         assert here is not None  # it is the robot as it is
+        here, base = self._go_on(here, most)
+        if self.status in ENDLESS:
+            self._settle(self._at_rest(here), base, most)
+
+    def _go_on(self, here: Place, most: int) -> tuple[Place, Place]:
+        """Steps that need not end at equilibria; returns where they ended, and the last equilibrium on the way."""
         base, part, base_part, returned = here, 1.0, 1.0, 0
         while self.iterations <= most:
-            self.x, self.p, self.square, self.covariance = here.x, here.p, here.square, here.planned.covariance[0]
             if here.gap <= 1:
                 base, base_part, returned = here, part, 0
-            if here.gap <= 1 and here.planned.length[0] <= SETTLED:
-                self._finish()
-                return
+            if self._ends(here):
+                return here, base
             there = self._closer(here, part)
             if there is not None:
                 here, part = there, min(1.0, 2 * part)
@@ -124,10 +130,40 @@ class Fit:
             returned += 2
             if here is base or returned > HALVINGS:
                 self.status = Status.STALLED
-                return
+                return here, base
             base_part /= 4
             here, part = base, base_part
         self.status = Status.MAX_ITERATIONS
+        return here, base
+
+    def _settle(self, near: Place | None, base: Place, most: int) -> None:
+        """(21) From one equilibrium to the next, each where (1) is less; the first is ``near``, or ``base`` if there is none."""
+        here, reach = near or base, np.inf
+        allowed = self.integrations + SPENT * most
+        while here.gap <= 1 and self.integrations < allowed and not self._ends(here):
+            length = float(here.planned.length[0])
+            along = min(1.0, reach / length)
+            gone, saved = along * length, along * (2 - along) * length**2
+            if gone < SHORTEST:
+                return
+            change = along * (here.change - here.towards)
+            ahead = self._at(here.x + change, here.p + along * here.planned.step[0])
+            there = None if ahead is None else self._at_rest(ahead)
+            came_off = -np.inf if there is None else (here.square - there.square) / saved
+            if came_off < POOR:
+                reach = SHORTER * gone
+            elif came_off >= GOOD:
+                reach = max(reach, LONGER * gone)
+            if there is not None and there.square <= here.square - DECREASE * saved + ROUNDING * here.square:
+                here = there
+
+    def _ends(self, here: Place) -> bool:
+        """Stand there; whether that is the end, an equilibrium whose next step tells nothing."""
+        self.x, self.p, self.square, self.covariance = here.x, here.p, here.square, here.planned.covariance[0]
+        if here.gap > 1 or here.planned.length[0] > SETTLED:
+            return False
+        self._finish()
+        return True
 
     @property
     def _names(self) -> tuple[str, ...]:

@@ -51,11 +51,11 @@ class Scaled:
 
     def told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As ``Group`` says."""
-        return np.exp(p), np.exp(p)
+        return _factors(p), _factors(p)
 
     def put(self, robot: Assembly, rods: list[Rod], p: FloatArray) -> Assembly:
         """As ``Group`` says."""
-        for part, factor in zip(self._parts, np.exp(p), strict=True):
+        for part, factor in zip(self._parts, _factors(p), strict=True):
             for name, i in part:
                 sections = [replace(own, **{name: _number(own, name) * factor}) for own in rods[i].sections]
                 rods[i] = changed(rods[i], sections=tuple(sections))
@@ -194,6 +194,12 @@ def _table(robot: Assembly, name: str, count: int) -> tuple[FloatArray, FloatArr
     result = np.zeros((robot.column_count(name), count))
     sections = max(len(rod.sections) for rod in robot.rods)
     return result, result.reshape(robot.rod_count, sections, -1, count)
+
+
+def _factors(p: FloatArray) -> FloatArray:
+    """Infinite where a step leads beyond all numbers; there is no such robot."""
+    with np.errstate(over="ignore"):
+        return np.asarray(np.exp(p))
 
 
 def _number(section: Section, name: str) -> FloatArray:
