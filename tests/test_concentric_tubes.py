@@ -595,3 +595,74 @@ def test_a_loaded_batch_of_three_is_bitwise_what_each_is_alone():
         assert alone.status == together.status[k]
         np.testing.assert_array_equal(together.unknowns[k], alone.unknowns)
         np.testing.assert_array_equal(together.tip_position[k], alone.tip_position)
+
+
+# Loads on tubes of which an outer one reaches furthest: what follows the tip follows that tube, and what twists along the tubes
+# twists the innermost that there is.
+SHARP = mr.Shooting(tolerance=1e-11, integrator=mr.RK45(rtol=1e-11, atol=1e-13))
+NEAR_END, FAR_END = 0.12, 0.26  # m in front of the plate
+WHERE = {"rotation": np.array([0.6, -0.4]), "translation": np.array([-0.08, -0.05])}
+WITH_TIP = {"follower_force": (0.06, 0.2, 0.05), "follower_moment": (0.02, -0.03, 0.01)}
+
+
+def reaching_tubes(*reaching: float, curvature: float = 6.0) -> mr.ConcentricTubes:
+    """Two that reach so far in front of the plate."""
+    inner = mr.Rod(length=reaching[0] + 0.08, bending_stiffness=0.004, torsional_stiffness=0.003, precurvature=(0, curvature, 0))
+    outer = mr.Rod(length=reaching[1] + 0.05, bending_stiffness=0.012, torsional_stiffness=0.01, precurvature=(curvature, 0, 0))
+    return mr.ConcentricTubes([inner, outer])
+
+
+@pytest.mark.parametrize("reaching", [(FAR_END, NEAR_END), (NEAR_END, FAR_END)])
+@pytest.mark.parametrize("loads", [("follower_force", "follower_moment"), ("follower_moment",)])
+def test_what_follows_the_tip_turns_with_its_pose(reaching: tuple[float, float], loads: tuple[str, ...]) -> None:
+    """Dead loads that point as these do at their equilibrium leave it as it is."""
+    robot = reaching_tubes(*reaching)
+    given = {name: np.array(WITH_TIP[name]) for name in loads}
+    solution = mr.solve(robot, robot.inputs(**WHERE, **given), solver=SHARP).raise_if_failed()
+    dead = {name.replace("follower", "tip"): solution.tip_rotation @ value for name, value in given.items()}
+    same = mr.solve(robot, robot.inputs(**WHERE, **dead), solver=SHARP, guess=solution).raise_if_failed()
+    # both to 1e-11 of a curvature, which a tip of some 0.3 m in either case multiplies by less than 10
+    np.testing.assert_allclose(same.tip_position, solution.tip_position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(same.tip_rotation, solution.tip_rotation, rtol=0, atol=1e-8)
+    assert np.linalg.norm(solution.tip_position - mr.solve(robot, robot.inputs(**WHERE)).tip_position) > 5e-3
+
+
+@pytest.mark.parametrize("reaching", [(FAR_END, NEAR_END), (NEAR_END, FAR_END)])
+def test_a_moment_along_straight_tubes_twists_the_innermost_there_is(reaching: tuple[float, float]) -> None:
+    """Closed forms: each tube's torque is what acts on it further on, constant behind the plate."""
+    robot, l = reaching_tubes(*reaching, curvature=0.0), 0.05
+    inputs = robot.inputs(translation=WHERE["translation"], distributed_moment=(0, 0, l))
+    solution = mr.solve(robot, inputs, solver=SHARP).raise_if_failed()
+    ends, GJ, behind = np.array(reaching), np.array([0.003, 0.01]), np.array([0.08, 0.05])
+    borne = np.array([[0.0, ends[0]], [min(ends), max(ends[1], min(ends))]])  # where the moment acts on each
+    for k in range(2):
+        a, b = borne[k] if ends[k] > borne[k, 0] else (0.0, 0.0)
+        torque = l * (b - a)
+        angle = torque * (behind[k] + a) / GJ[k] + l * (b - a) ** 2 / (2 * GJ[k])
+        shape = solution.rod(k)
+        assert -solution.base_torque[k] == pytest.approx(torque, rel=1e-9, abs=1e-13)
+        assert np.arctan2(shape.rotation[-1, 1, 0], shape.rotation[-1, 0, 0]) == pytest.approx(angle, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["rotation", "translation", "follower_force", "follower_moment", "distributed_moment"])
+def test_derivatives_by_loads_on_an_outer_tube(name: str) -> None:
+    robot = reaching_tubes(NEAR_END, FAR_END)
+    loads = {key: np.array(value) for key, value in WITH_TIP.items()} | {"distributed_moment": np.array([0.03, -0.02, 0.08])}
+    values = WHERE | loads
+    solution = mr.solve(robot, robot.inputs(**values), solver=SHARP).raise_if_failed()
+    exact, step = solution.jacobian(name), 1e-3 if name in ("rotation", "follower_force") else 1e-4
+    for k, column in enumerate(exact.T):
+        ends = []
+        for h in (1, -1, 2, -2):
+            moved = values[name].copy()
+            moved[k] += h * step
+            ends.append(mr.solve(robot, robot.inputs(**values | {name: moved}), solver=SHARP, guess=solution).raise_if_failed())
+        near, far = (
+            np.append(a.tip_position - b.tip_position, (a.tip_rotation - b.tip_rotation) @ solution.tip_rotation.T)
+            for a, b in (ends[:2], ends[2:])
+        )
+        slope = (8 * near - far) / (12 * step)
+        turn = slope[3:].reshape(3, 3)
+        found = np.append(slope[:3], (turn[2, 1], turn[0, 2], turn[1, 0]))
+        # differences of fourth order, by steps of a hundredth of what acts or less
+        np.testing.assert_allclose(column, found, rtol=0, atol=1e-7 * np.abs(exact).max())

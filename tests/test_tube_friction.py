@@ -24,14 +24,22 @@ SECTIONS = [(0.21, 0.012, 0.015, 0.01, np.array([0, 0, 0.3])), (0.09, 0.012, 0.0
 PIECES = (0.0, 0.13, 0.22, 0.28)
 
 
-def tubes(helical, straight, held, **where: object) -> mr.ConcentricTubes:
+def tubes(helical, straight, held, magnetised: bool = False, **where: object) -> mr.ConcentricTubes:
     """A helix and a straight tendon in the inner tube, one in the outer, which is stiffer about one axis and has discs."""
     lines = [
         mr.Tendon(route=lambda s: helix(s)[0], friction=helical),
         mr.Tendon(offset=(-0.0008, 0.0012), friction=straight),
     ]
-    inner = mr.Rod(name="inner", length=0.4, bending_stiffness=0.004, torsional_stiffness=0.003, lines=lines)
+    inner = mr.Rod(
+        name="inner",
+        length=0.4,
+        bending_stiffness=0.004,
+        torsional_stiffness=0.003,
+        magnetisation=(0.3, 1, 0.5) if magnetised else None,
+        lines=lines,
+    )
     outer = mr.Rod(
+        magnetisation=(0.5, 1, 0.7) if magnetised else None,
         name="outer",
         length=0.3,
         bending_stiffness=(0.012, 0.015),
@@ -55,8 +63,25 @@ def solution() -> mr.Solution:
     return solved()
 
 
+@pytest.fixture(scope="module")
+def magnetised() -> mr.Solution:
+    """In a field, that turns each tube by itself."""
+    robot = tubes(*FRICTION, magnetised=True)
+    inputs = robot.inputs(**GIVEN, magnetic_field=(0.3, -0.2, 0.4))
+    return mr.solve(robot, inputs, solver=PRECISE).raise_if_failed()
+
+
 @pytest.mark.parametrize("i", range(3))
 def test_tension_is_what_the_line_calls_for(solution: mr.Solution, i: int) -> None:
+    assert_what_the_line_calls_for(solution, i)
+
+
+@pytest.mark.parametrize("i", range(3))
+def test_tension_is_what_the_line_of_magnetised_tubes_calls_for(magnetised: mr.Solution, i: int) -> None:
+    assert_what_the_line_calls_for(magnetised, i)
+
+
+def assert_what_the_line_calls_for(solution: mr.Solution, i: int) -> None:
     """(L12) from the shape alone: the line's direction by splines, on each piece on which strains do not jump."""
     line = solution.line(i, nodes=561)
     s, before = line.arclength, None

@@ -38,8 +38,8 @@ class ConcentricTubes(BackboneAssembly):
         base: Pose of the plate in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
 
     Raises:
-        ValueError: If tubes do not nest (where diameters are given), or shear, or have members that are no lines, or a line with
-            friction, or ``base`` is not a pose.
+        ValueError: If tubes do not nest (where diameters are given), or shear, or have members that are no lines, or ``base`` is
+            not a pose.
         TypeError: If ``tubes`` are not ``Rod`` objects.
     """
 

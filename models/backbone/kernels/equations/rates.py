@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from multirod.models.backbone.kernels.equations.innermost import make_innermost
 from multirod.models.backbone.kernels.equations.strains import make_strains
 from multirod.models.backbone.kernels.layout.layout import Layout
 from multirod.models.backbone.kernels.loads.dead import make_loads
@@ -53,6 +54,10 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
     acting_force_variation, acting_moment_variation = acting.force_variation, acting.moment_variation
     acting_torque_variations = acting.torque_variations
     ACTING, MOMENTS, TURNS = acting_work is not None, acting_moment is not None, acting_torques is not None
+    TWISTED, MOMENT_RATE_AT = layout.TWISTED, p["moment_rate"]
+    if TWISTED:
+        innermost = make_innermost(layout, W, d)
+        balance, balance_variation = innermost.balance, innermost.balance_variation
     distributed_force, distributed_force_variation = loads.distributed_force, loads.distributed_force_variation
     strain, own_rates, own_energy = law.strain, law.rates, law.energy_rate
     DRIVEN, LENGTHS = layout.DRIVES > 0, layout.LENGTHS > 0
@@ -147,6 +152,8 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
             keep3(f, wp.static(M_AT), m_s)
             put3(memory, a + wp.static(WORLD_FORCE_AT), n)
             put3(memory, a + wp.static(TANGENT_AT), p_s)
+            if wp.static(TWISTED):
+                put3(memory, a + wp.static(MOMENT_RATE_AT), m_s)
         if wp.static(MOMENT and not FIXED):  # (4)
             M_s = ahead_cross(couple(N), M, u)
             if wp.static(SHEAR):
@@ -166,6 +173,11 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         own_rates(memory, z, a, x, b, u, f)
         if wp.static(LENGTHS):
             length_rates(memory, z, a, u, f)
+        if wp.static(TURNS):
+            acting_torques(memory, a, f)
+        if wp.static(TWISTED):  # (8l)
+            M_s = ahead_cross(rotate_inverse(frame, m_s), M, u)
+            balance(memory, z, M_s.z, f)
         if wp.static(FRICTION):
             M_s = part3(f, wp.static(M_AT))
             if wp.static(FIXED):
@@ -178,8 +190,6 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 elif wp.static(FORCE_PER_LENGTH):
                     N_s = minus(N_s, rotate_inverse(frame, distributed_force(memory, z, x)))
             friction_rates(memory, z, a, x, u, M_s, N_s, b, f)
-        if wp.static(TURNS):
-            acting_torques(memory, a, f)
         if wp.static(NODES):
             energy = own_energy(memory, z, a, x, b, M, N, u)
             work = N.z
@@ -268,6 +278,12 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
         own_rate_variations(memory, z, a, g, v, du, f)
         if wp.static(LENGTHS):
             length_variations(memory, a, g, du, dextension, f)
+        if wp.static(TURNS):
+            acting_torque_variations(memory, a, g, frame, v, dphi, f)
+        if wp.static(TWISTED):  # (8l)
+            m_s = rotate_inverse(frame, row3(memory, a + wp.static(MOMENT_RATE_AT)))
+            dM_s = ahead_cross(ahead_cross(ahead_cross(rotate_inverse(frame, dm_s), m_s, dphi), M, du), dM, u)
+            balance_variation(memory, z, dM_s.z, f)
         if wp.static(FRICTION):
             dM_s = part3_of(f, wp.static(DM_AT))
             if wp.static(FIXED):
@@ -284,8 +300,6 @@ def make_rates(layout: Layout, W: int, d) -> SimpleNamespace:
                 elif wp.static(FORCE_PER_LENGTH and DIRECTIONS):
                     dN_s = minus(dN_s, rotate_inverse(frame, distributed_force_variation(memory, z, g, x)))
             friction_variations(memory, z, a, g, v, du, dextension, dM_s, dN_s, f)
-        if wp.static(TURNS):
-            acting_torque_variations(memory, a, g, frame, v, dphi, f)
         if wp.static(COLUMN_FRAME):  # (19)
             half = fill(d(0.5))
             dr_s = ahead_cross(ahead3(ahead3(cross(dr, u), dw, u), frame.w, du), frame.r, du)

@@ -47,6 +47,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     pose = make_tip_pose(layout, base)
     moment_of, moment_column_of, frame, frame_column = pose.moment_of, pose.moment_column_of, pose.frame, pose.frame_column
     body_moment, body_moment_column = pose.body_moment, pose.body_moment_column
+    tip_angle, tip_angle_column = pose.tip_angle, pose.tip_angle_column
 
     @wp.func
     def moment_unit(case: wp.ref[Instance], ends: wp.ref[Ends]) -> wp.vec3d:
@@ -82,6 +83,22 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                 rest -= v[wp.static(TAU_AT) + j - 1]
         return rest
 
+    # ---- what follows the tip, in the frame: it turns with the rod that ends there ----
+
+    @wp.func
+    def following(call: wp.ref[Call], case: wp.ref[Instance], y: State, at: int) -> wp.vec3d:
+        """The input that stands there, along the axes of the frame."""
+        return turned_about_z(tip_angle(case, y)) * load_vector(call, case.index, at)
+
+    @wp.func
+    def following_column(call: wp.ref[Call], case: wp.ref[Instance], y: State, v: Column, direction: int, at: int) -> wp.vec3d:
+        """Its variation; ``direction`` is negative of an unknown."""
+        load = following(call, case, y, at)
+        change = tip_angle_column(case, v) * wp.vec3d(-load[1], load[0], f64(0.0))
+        if direction >= 0:
+            change += turned_about_z(tip_angle(case, y)) * direction_vector(call, case, direction, at)
+        return change
+
     # ---- (11), (11b), (12): moments ----
 
     @wp.func
@@ -97,11 +114,11 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
         if wp.static(FIXED):
             m = moment_of(y) - case.tip_moment
             if wp.static(FOLLOWER_MOMENT):
-                m -= rotate(frame(y), load_vector(call, case.index, FOLLOWER_MOMENT_INPUT))
+                m -= rotate(frame(y), following(call, case, y, wp.static(FOLLOWER_MOMENT_INPUT)))
             return wp.transpose(axes(call, case)) * m
         M = moment_of(y)
         if wp.static(FOLLOWER_MOMENT):
-            M -= load_vector(call, case.index, FOLLOWER_MOMENT_INPUT)
+            M -= following(call, case, y, wp.static(FOLLOWER_MOMENT_INPUT))
         return M
 
     @wp.func
@@ -112,11 +129,10 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
             q = frame(y)
             if wp.static(FOLLOWER_MOMENT):
                 dphi = body_rotation(q, frame_column(v))
-                dM -= rotate(q, wp.cross(dphi, load_vector(call, case.index, FOLLOWER_MOMENT_INPUT)))
+                dM -= rotate(q, wp.cross(dphi, following(call, case, y, wp.static(FOLLOWER_MOMENT_INPUT))))
+                dM -= rotate(q, following_column(call, case, y, v, direction, wp.static(FOLLOWER_MOMENT_INPUT)))
             if direction >= 0:
                 dM -= case.to_base * direction_vector(call, case, direction, TIP_MOMENT)
-                if wp.static(FOLLOWER_MOMENT):
-                    dM -= rotate(q, direction_vector(call, case, direction, FOLLOWER_MOMENT_INPUT))
             dM = wp.transpose(axes(call, case)) * dM
             if wp.static(not CONCENTRIC):
                 return dM
@@ -125,8 +141,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
                 dM += call.problem.directions[case.direction, direction, wp.static(ROTATION)] * wp.vec3d(m[1], -m[0], f64(0.0))
             return dM
         if wp.static(FOLLOWER_MOMENT):
-            if direction >= 0:
-                dM -= direction_vector(call, case, direction, FOLLOWER_MOMENT_INPUT)
+            dM -= following_column(call, case, y, v, direction, wp.static(FOLLOWER_MOMENT_INPUT))
         return dM
 
     @wp.func
@@ -178,7 +193,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
     def force_gap(call: wp.ref[Call], case: wp.ref[Instance], ends: wp.ref[Ends], y: State, n_tip: wp.vec3d) -> wp.vec3d:
         """(13) What the internal force at the tip lacks."""
         N = rotate_inverse(frame(y), n_tip - case.tip_force)
-        return ends.force * (N - load_vector(call, case.index, FOLLOWER_FORCE_INPUT))
+        return ends.force * (N - following(call, case, y, wp.static(FOLLOWER_FORCE_INPUT)))
 
     @wp.func
     def force_gap_column(
@@ -198,8 +213,7 @@ def make_tip(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace) -> Si
             change -= case.to_base * direction_vector(call, case, direction, TIP_FORCE)
         dphi = body_rotation(q, frame_column(v))
         dN = rotate_inverse(q, change) + wp.cross(rotate_inverse(q, n_tip - case.tip_force), dphi)
-        if direction >= 0:
-            dN -= direction_vector(call, case, direction, FOLLOWER_FORCE_INPUT)
+        dN -= following_column(call, case, y, v, direction, wp.static(FOLLOWER_FORCE_INPUT))
         return ends.force * dN
 
     # ---- what is written ----

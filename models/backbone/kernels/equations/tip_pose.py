@@ -150,6 +150,7 @@ def make_tip_pose(layout: Layout, base: SimpleNamespace) -> SimpleNamespace:
         body_moment=body_moment,
         body_moment_column=body_moment_column,
         tip_angle=tip_angle,
+        tip_angle_column=tip_angle_column,
         world_position=world_position,
         turn_column=turn_column,
         write_pose=write_pose,

@@ -104,6 +104,12 @@ class Features:
         return self.tip_moment or self.distributed_moment or any(load.moment for load in self.loads)
 
     @property
+    def twisted(self) -> bool:
+        """Whether a moment along several rods twists the innermost that there is, equation (8l)."""
+        spread = self.distributed_moment or any(load.moment and not load.by_rod for load in self.loads)
+        return spread and self.torsion and self.turning_count > 0 and not self.eccentric
+
+    @property
     def loaded(self) -> bool:
         """Whether anything acts on the rods but their own precurvature."""
         return self.force or self.loads_need_frame or self.follower_moment or self.measured

@@ -117,6 +117,7 @@ class Layout:
         self.PROFILE = f.profile_degree >= 0
         self.FORCE_PER_LENGTH = f.distributed_force or self.PROFILE
         self.MOMENT_PER_LENGTH = f.distributed_moment
+        self.TWISTED = f.twisted
         self.PROFILE_TERMS = max(f.profile_degree, 0) + 1
         self.CURVATURE_TERMS = f.precurvature_degree + 1
         self.VARIED = self.CURVATURE_TERMS > 1
@@ -235,6 +236,7 @@ class Layout:
                 Slot("extension", 3 * f.shear),  # v - e3
                 Slot("world_force", 3 * self.FIXED),  # n
                 Slot("tangent", 3 * self.FIXED),  # p'
+                Slot("moment_rate", 3 * self.TWISTED),  # m'
                 # (7), (8): b_i - K_i u, its derivative by theta at constant u, K_i as xx, xy, yy, and cos, sin of theta_i
                 Slot("tube_x", tube),
                 Slot("tube_y", tube),

@@ -34,6 +34,7 @@ class Load(ABC):
     Attributes:
         force: Whether there is a force.
         moment: Whether there is a moment.
+        by_rod: Whether its law says what of the moment acts on each of several rods, by ``torques``.
         by_place: Whether they depend on the position: then that is integrated, and is part of every column.
         conservative: Whether they derive from an energy per length.
         convex: Whether that depends on the position alone and is convex in it, as of springs that pull back to their places: then
@@ -49,6 +50,7 @@ class Load(ABC):
 
     force: ClassVar[bool] = False
     moment: ClassVar[bool] = False
+    by_rod: ClassVar[bool] = False
     by_place: ClassVar[bool] = False
     conservative: ClassVar[bool] = False
     convex: ClassVar[bool] = False
@@ -116,8 +118,9 @@ class Load(ABC):
             dphi, dp)``; where there is a moment, ``moment`` and ``moment_variation`` of the same arguments: vectors along the
             axes of the base. ``frame`` is R, ``dphi`` its rotation along its own axes, ``dp`` and ``ds`` are the changes of p and
             s, ``v`` is the column. Of what is conservative ``energy(memory, z, a, s, frame, p)``, per length. Of several rods,
-            optionally, ``torques(memory, a, f)`` and ``torque_variations(memory, a, g, frame, v, dphi, f)``, which take from the
-            rates of their torques what acts on each; else all of a moment about the axis acts on the first. Optionally
+            where it is ``by_rod``, ``torques(memory, a, f)`` and ``torque_variations(memory, a, g, frame, v, dphi, f)``, which
+            take from the rates of their torques what acts on each; else all of a moment about the axis acts on the innermost that
+            there is. Optionally
             ``spring(memory, z)``, the most by which a force per length grows with the position, which steps that are controlled
             by their error heed, (20b).
         """

@@ -22,7 +22,7 @@ MAGNETISATION = 10  # where the magnetic moment per length stands in the materia
 class Magnetic(Load):
     """A uniform field, fixed in the world, that turns each piece of magnetised rods towards itself."""
 
-    moment = conservative = True
+    moment = by_rod = conservative = True
     input = "magnetic_field"
     of_rod, of_section = "Rod.magnetisation", "magnetisation"
 
