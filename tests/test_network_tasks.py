@@ -112,7 +112,7 @@ def test_the_load_of_one_body_is_estimated_by_its_name(robot, start):
     """From exact poses, what acts on the others as it was given: as of a prior that knows these others."""
     inputs = robot.inputs(translation=(0.01, 0, 0.005, 0), force={"plate": (0, 0, -0.2)})
     both = robot.inputs(translation=inputs.translation, force={"plate": (0, 0, -0.2), "top": (0.1, 0.05, 0)})
-    truth = mr.solve(robot, both, solver=SOLVER, guess=start)
+    truth = mr.solve(robot, both, solver=SOLVER)
     options = {
         "measured": mr.Pose(position=truth.tip_position, rotation=truth.tip_rotation, sigma=(1e-5, 1e-4)),
         "solver": SOLVER,

@@ -226,15 +226,25 @@ def test_stability_and_rescue_are_double_precision():
     assert np.abs(single.tip_position - double.tip_position)[0].max() < 1e-5  # RK45 at 1e-6
 
 
-@pytest.mark.parametrize("scene", [three_tubes, six_legs])
-def test_what_single_precision_does_not_reach_is_solved_in_double(scene):
-    """A tolerance below its floor: the same branch, not the lowest of all that a search comes to, to the last bit."""
-    robot, inputs = scene()
-    found, expected = (mr.solve(robot, inputs, solver=mr.Shooting(integrator=own, tolerance=1e-9)) for own in (SINGLE, DOUBLE))
+def solved_again_in_double(robot, inputs, single, double):
+    """A tolerance below the floor of single precision: the same branch, not the lowest of all that a search comes to."""
+    found, expected = (mr.solve(robot, inputs, solver=mr.Shooting(integrator=own, tolerance=1e-9)) for own in (single, double))
     assert (expected.status == mr.Status.CONVERGED).all()
     np.testing.assert_array_equal(found.status, expected.status)
     np.testing.assert_array_equal(found.unknowns, expected.unknowns)
     assert (found.integrations > expected.integrations).all()
+
+
+def test_what_single_precision_does_not_reach_is_solved_in_double(wire):
+    """By its own steps: those of the same tolerances."""
+    robot = mr.SingleRod(wire)
+    inputs = robot.inputs(tip_force=[(1, 0.5, 0.3), (-2, 1, 0.5)])
+    solved_again_in_double(robot, inputs, mr.RK45(precision="float32"), mr.RK45(rtol=1e-6, atol=1e-7))
+
+
+@pytest.mark.parametrize("scene", [three_tubes, six_legs])
+def test_so_are_tubes_and_legs(scene):
+    solved_again_in_double(*scene(), SINGLE, DOUBLE)
 
 
 def test_observer(wire):
