@@ -152,7 +152,7 @@ def equilibria(
     everyone = np.ones(count, dtype=bool)
     budget = Budget(method.max_integrations)
     problem.budget = alone.budget = budget
-    try:
+    with suppress(Spent):
         for first in range(0, starts, count):
             reached = converge(problem, newton, guesses.guesses(count, first)[:, 0], everyone, limit)
             _take(catalogue, problem, reached)
@@ -166,8 +166,6 @@ def equilibria(
             _take(catalogue, problem, reached)
         if catalogue.missing:
             _search_on(catalogue, robot, inputs, method, device, budget)
-    except Spent:
-        pass
     problem.budget = alone.budget = None
     if budget.left < 0:  # what had converged in the round that was cut off
         _take(catalogue, problem, newton.outcome().status == Status.CONVERGED, beside=False)

@@ -261,10 +261,7 @@ class ColdStart:
         newton.allow(np.maximum(self._allowed[places] - again.integrations, 0))
         refine(part, newton, again, everyone)
         self.slack[places] = let_go(part, newton, again, everyone)
-        outcome.status[places] = again.status
-        outcome.iterations[places] += again.iterations
-        outcome.integrations[places] += again.integrations
-        problem.keep(part, places)
+        self._take(places, part, again)
 
     def _follow(self) -> None:
         """Where branches end, but for what creeps in segments too: that is given up, unless a soft mode makes it creep."""

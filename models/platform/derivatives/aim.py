@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -40,32 +40,21 @@ class Gathering:
         ends = np.cumsum([0, *(columns.numbers for columns in every)])
         self.places = [slice(a, b) for a, b in pairwise(ends.tolist())]
         self._count, self._total = count, int(ends[-1])
-        rows = np.arange(count)[:, None]
-        into: list[Any] = []
-        source: list[Any] = []
-        alone: list[int] = []
-        legs: list[int] = []
-        directions: list[int] = []
-        shared: list[int] = []
-        given: list[int] = []
+        legs, directions = np.full((2, self._total), -1)  # of each column, -1 of what legs share, and of what has none
         for columns, there in zip(every, self.places, strict=True):
             if columns.shared:
-                to, at = np.arange(there.start, there.stop), np.arange(columns.start, columns.start + columns.size)
-                shared.extend(to)
-                given.extend(at)
-                into.append((rows * self._total + to).ravel())
-                source.append((rows * width + at).ravel())
+                directions[there] = np.arange(columns.own.start, columns.own.stop)
             elif columns.name != "platform":
                 for leg, (first, size) in enumerate(columns.shares):
-                    to, at = there.start + first + np.arange(size), columns.start + np.arange(size)
-                    alone.extend(to)
-                    directions.extend(at)
-                    legs.extend([leg] * size)
-                    into.append((rows[own[leg]] * self._total + to).ravel())
-                    source.append((rows[own[leg]] * width + at).ravel())
-        self._into, self._source = (np.array([k for own in each for k in own], dtype=np.intp) for each in (into, source))
-        self._shared, self._given, self.alone = (np.array(each, dtype=np.intp) for each in (shared, given, alone))
-        self.law = np.array(legs, dtype=np.intp), np.array(directions, dtype=np.intp)
+                    to = slice(there.start + first, there.start + first + size)
+                    legs[to], directions[to] = leg, columns.start + np.arange(size)
+        owner = np.full(count, -1)
+        for leg, unknowns in enumerate(own):
+            owner[unknowns] = leg
+        told = (directions >= 0) & ((legs < 0) | (legs == owner[:, None]))
+        self._into, self._source = np.flatnonzero(told), (np.arange(count)[:, None] * width + directions)[told]
+        self.alone, self._shared = np.flatnonzero(legs >= 0), np.flatnonzero((legs < 0) & (directions >= 0))
+        self.law, self._given = (legs[self.alone], directions[self.alone]), directions[self._shared]
 
     def slopes(self, found: FloatArray) -> FloatArray:
         """By inputs, shape (b, n, k), of those by directions, shape (b, n, width); without the platform's rows of single legs."""
@@ -76,8 +65,7 @@ class Gathering:
     def moved(self, given: FloatArray) -> FloatArray:
         """The pose's columns by inputs, shape (b, 6, k), of those by directions; none of what acts on one leg alone."""
         result = np.zeros((len(given), POSE, self._total))
-        if len(self._shared):
-            result[:, :, self._shared] = given[:, :, self._given]
+        result[:, :, self._shared] = given[:, :, self._given]
         return result
 
 

@@ -23,7 +23,7 @@ from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.estimating.unknown import unknown_of
-from multirod.tasks.freed import every_label, freed, parts_of, places_of
+from multirod.tasks.freed import every_label, parts_of, places_of
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers
@@ -270,10 +270,7 @@ def _unknown(robot: Assembly, inputs: Inputs, unknown: object) -> tuple[str, ...
     if isinstance(unknown, Mapping):
         refuse("unknown", Described("priors by name"), f"must be names, {tuple(unknown)}: of these loads nothing is known")
     names = some_names("unknown", unknown)
-    if not names:
-        return ()
-    freed("unknown", robot, names)
-    return tuple(unknown_of(robot, inputs, {name: _of_all(robot, name) for name in names}, Prior).names)
+    return tuple(unknown_of(robot, inputs, {name: _of_all(robot, name) for name in names}, Prior).names) if names else ()
 
 
 def _of_all(robot: Assembly, name: str) -> Any:  # noqa: ANN401  (as ``unknown_of`` takes it)

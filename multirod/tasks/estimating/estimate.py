@@ -334,7 +334,7 @@ def remarked(places: Mapping[str, slice], covariance: FloatArray, measured: Meas
 def _axes(robot: Assembly, inputs: Inputs, unknown: Unknown[Prior], sensors: Sequence[Sensor]) -> tuple[int, ...]:
     """Leading axes of all together."""
     shapes = {"inputs": inputs.batch_shape, "the robot": robot.batch_shape, "measured": batch_of(sensors)}
-    shapes |= {f"the prior of {part.said}": part.known.batch_shape for part in unknown.parts}
+    shapes |= {f"the prior of {own.said}": own.known.batch_shape for own in unknown.entries}
     try:
         return np.broadcast_shapes(*shapes.values())
     except ValueError:

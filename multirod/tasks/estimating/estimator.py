@@ -105,7 +105,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
 
     def __repr__(self) -> str:
         known = self._filter.known
-        walks = ", ".join(f"{part.said} walks" for part in known.unknown.parts)
+        walks = ", ".join(f"{own.said} walks" for own in known.unknown.entries)
         batch = [f"batch {self._whole}"] * bool(self._whole)
         return f"Estimator({', '.join([repr(self._robot), walks, *map(repr, known.sensors), f'dt {self._dt:g} s', *batch])})"
 

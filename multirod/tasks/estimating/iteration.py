@@ -69,9 +69,8 @@ class Part:
         self.bounds = Bounds(limits, unit)
         problem = robot.problem(inputs, **options, **task_options)
         self.measured = measured or Measured(scene.sensors, scene.places, scene.batch_shape, instances)
-        whole = (scene.batch_shape, instances)
         self.task = self.measured.task(problem, names)
-        self.prior = scene.unknown.variances(*whole)
+        self.prior = scene.unknown.variances(scene.batch_shape, instances)
         self.root = roots(self.prior)
         self.mean = self.task.values()
         self.count, n, k = problem.instance_count, problem.unknown_count, self.task.count

@@ -15,7 +15,7 @@ from multirod.tasks.estimating.priors import Prior, Walk
 from multirod.tasks.freed import chosen, parts_of, with_values
 from multirod.validation import Described, FloatArray, instance, refuse
 
-Known = TypeVar("Known", Prior, Walk)
+Knowledge = TypeVar("Knowledge", Prior, Walk)
 ARTICLES = {Prior: "a Prior", Walk: "a Walk"}
 EXAMPLES = {
     Prior: "priors by name, such as {'tip_force': Prior(sigma=0.25)}",
@@ -24,7 +24,7 @@ EXAMPLES = {
 
 
 @dataclass(frozen=True)
-class Part(Generic[Known]):
+class Entry(Generic[Knowledge]):
     """An input that is estimated, or numbers of it.
 
     Attributes:
@@ -37,7 +37,7 @@ class Part(Generic[Known]):
     said: str
     name: str
     numbers: tuple[int, ...]
-    known: Known
+    known: Knowledge
 
     @property
     def size(self) -> int:
@@ -46,45 +46,44 @@ class Part(Generic[Known]):
 
 
 @dataclass(frozen=True)
-class Unknown(Generic[Known]):
-    """All that is estimated, one part after another.
+class Unknown(Generic[Knowledge]):
+    """All that is estimated, one entry after another.
 
     Attributes:
         names: Of the inputs, as tasks take what is free.
-        parts: What is known of each, or of what it has by name.
+        entries: What is known of each, or of what it has by name.
     """
 
     names: tuple[str, ...]
-    parts: tuple[Part[Known], ...]
+    entries: tuple[Entry[Knowledge], ...]
 
     def variances(self: "Unknown[Prior]", batch_shape: tuple[int, ...], instances: IntArray | None) -> FloatArray:
         """Covariances (b, k, k) of some instances, infinite on the diagonal where nothing is known."""
-        return block_diagonal([part.known.variances(part.said, part.size, batch_shape, instances) for part in self.parts])
+        return block_diagonal([own.known.variances(own.said, own.size, batch_shape, instances) for own in self.entries])
 
     def flat(self: "Unknown[Prior]") -> dict[str, int]:
-        """How many numbers of each part have no prior, of those where any has none."""
-        counts = {part.said: part.known.flat_count(part.said, part.size) for part in self.parts}
+        """How many numbers of each entry have no prior, of those where any has none."""
+        counts = {own.said: own.known.flat_count(own.said, own.size) for own in self.entries}
         return {said: count for said, count in counts.items() if count}
 
     def at_means(self: "Unknown[Prior]", robot: Assembly, inputs: Inputs, whole: tuple[int, ...]) -> Inputs:
         """The inputs at the priors' means, of all leading axes."""
         means = []
-        for part in self.parts:
-            like = getattr(inputs, part.name)[..., list(part.numbers)]
-            means.append(part.known.means(part.said, like, whole, None).reshape(*whole, part.size))
+        for own in self.entries:
+            like = getattr(inputs, own.name)[..., list(own.numbers)]
+            means.append(own.known.means(own.said, like, whole, None).reshape(*whole, own.size))
         return robot.accept(with_values(inputs, self.names, np.concatenate(means, axis=-1)), "the priors' means")
 
     def rates(self: "Unknown[Walk]", batch_shape: tuple[int, ...]) -> FloatArray:
         """Variances per second, (b, k)."""
-        return np.concatenate([part.known.rates(part.said, part.size, batch_shape) for part in self.parts], axis=1)
+        return np.concatenate([own.known.rates(own.said, own.size, batch_shape) for own in self.entries], axis=1)
 
     def starts(self: "Unknown[Walk]") -> "Unknown[Prior]":
         """What is known of the first sample."""
-        own = self.parts
-        return Unknown(self.names, tuple(Part(part.said, part.name, part.numbers, part.known.start) for part in own))
+        return Unknown(self.names, tuple(Entry(own.said, own.name, own.numbers, own.known.start) for own in self.entries))
 
 
-def unknown_of(robot: Assembly, inputs: Inputs, unknown: object, kind: type[Known]) -> Unknown[Known]:
+def unknown_of(robot: Assembly, inputs: Inputs, unknown: object, kind: type[Knowledge]) -> Unknown[Knowledge]:
     """What is to be estimated: inputs by name, each with a ``kind``, or, where it is taken by name, with one for each of these;
     of rods at whose bases motors are, where the robot says which have some, those alone unless others are named.
 
@@ -97,7 +96,7 @@ def unknown_of(robot: Assembly, inputs: Inputs, unknown: object, kind: type[Know
     named = {name: own for name, own in unknown.items() if isinstance(own, Mapping)}
     names = chosen("unknown", robot, {name: tuple(named[name]) if name in named else None for name in unknown})
     numbers = getattr(names, "numbers", {})
-    parts: list[Part[Known]] = []
+    entries: list[Entry[Knowledge]] = []
     for name in names:
         if name in inputs.profiles:
             refuse(name, Described("a function of arclength"), "must be numbers, where it is to be estimated")
@@ -105,26 +104,25 @@ def unknown_of(robot: Assembly, inputs: Inputs, unknown: object, kind: type[Know
             places = {part: place for part, place in parts_of(robot, name).items() if part in named[name]}
             for part, place in places.items():
                 own = tuple(range(place.start, place.stop))
-                parts.append(_part(robot, inputs, f"{name}[{part!r}]", name, own, named[name][part], kind))
+                entries.append(_entry(robot, inputs, f"{name}[{part!r}]", name, own, named[name][part], kind))
         else:
             every = range(getattr(inputs, name).shape[-1])
-            parts.append(_part(robot, inputs, name, name, tuple(numbers.get(name, every)), unknown[name], kind))
-    return Unknown(names, tuple(parts))
+            entries.append(_entry(robot, inputs, name, name, tuple(numbers.get(name, every)), unknown[name], kind))
+    return Unknown(names, tuple(entries))
 
 
-def _part(
+def _entry(
     robot: Assembly,
     inputs: Inputs,
     said: str,
     name: str,
     numbers: tuple[int, ...],
     known: Any,  # noqa: ANN401  (checked here)
-    kind: type[Known],
-) -> Part[Known]:
-    """A checked part."""
+    kind: type[Knowledge],
+) -> Entry[Knowledge]:
+    """A checked one."""
     field = f"unknown[{name!r}]{said[len(name) :]}"
-    if not isinstance(known, kind):
-        instance(field, known, kind, ARTICLES[kind])
+    instance(field, known, kind, ARTICLES[kind])
     spec = inputs.spec(name)
     if isinstance(known, Walk):
         plausibility.of_prior_sigma(f"Walk.sigma of {said}", known.sigma, spec, robot)
@@ -132,4 +130,4 @@ def _part(
             refuse(f"{field}.start", Described("a prior without sigma"), "must say how sure the first sample is")
     elif known.covariance is None:
         plausibility.of_prior_sigma(f"Prior.sigma of {said}", known.sigma, spec, robot)
-    return Part(said, name, numbers, known)
+    return Entry(said, name, numbers, known)

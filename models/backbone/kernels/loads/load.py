@@ -120,9 +120,8 @@ class Load(ABC):
             s, ``v`` is the column. Of what is conservative ``energy(memory, z, a, s, frame, p)``, per length. Of several rods,
             where it is ``by_rod``, ``torques(memory, a, f)`` and ``torque_variations(memory, a, g, frame, v, dphi, f)``, which
             take from the rates of their torques what acts on each; else all of a moment about the axis acts on the innermost that
-            there is. Optionally
-            ``spring(memory, z)``, the most by which a force per length grows with the position, which steps that are controlled
-            by their error heed, (20b).
+            there is. Optionally ``spring(memory, z)``, the most by which a force per length grows with the position, which steps
+            that are controlled by their error heed, (20b).
         """
 
     @classmethod
