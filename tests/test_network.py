@@ -361,6 +361,28 @@ def test_batches_motions_and_loops():
     np.testing.assert_allclose(step.tip_position, batch.tip_position[-1], atol=1e-9)
 
 
+@pytest.mark.parametrize("batch", [(), (2,)])
+def test_a_change_by_name_leaves_what_it_does_not_name(batch):
+    """In a loop of one robot numbers are written as they come, and checked where they are not plain; in a batch they all are."""
+    robot = hexapod()
+    pushed = np.linspace(0, 1e-3, 6) * np.ones((*batch, 1))
+    tracker = mr.Tracker(robot, solver=EXACT, inputs=robot.inputs(translation=pushed, force={"plate": FORCE}))
+    tracker.step()
+    expected = np.array(pushed)
+    for rod, value in (("leg 2", 2e-3), ("leg 4", np.float32(1e-3)), ("leg 0", 0), ("leg 3", np.full(batch, 1e-4))):
+        sample = tracker.step(translation={rod: value})
+        expected[..., int(rod[-1])] = value
+        np.testing.assert_array_equal(sample.inputs.translation, expected)
+        np.testing.assert_array_equal(sample.inputs.force, np.broadcast_to(FORCE, sample.inputs.force.shape))
+    if not batch:
+        whole = mr.solve(robot, robot.inputs(translation=expected, force={"plate": FORCE}), solver=EXACT)
+        np.testing.assert_allclose(sample.tip_position, whole.tip_position, atol=1e-9)
+    for wrong in ({"leg 2": (1e-3, 1e-3, 1e-3)}, {"leg 2": "far"}, {"leg": 1e-3}, {"leg 2": np.nan}, {2: 1e-3}):
+        with pytest.raises(ValueError, match="translation"):
+            tracker.step(translation=wrong)
+    np.testing.assert_array_equal(tracker.inputs.translation, expected)
+
+
 def test_the_stiffness_is_that_of_the_force_on_the_end_effector():
     robot = mixed()
     inputs = robot.inputs(**GIVEN)

@@ -96,6 +96,19 @@ def test_a_moving_target_is_followed(robot, start):
     np.testing.assert_allclose(solved(robot, command.inputs, command).tip_position, target, atol=1e-6)
 
 
+def test_what_is_not_free_of_an_input_changes_by_name(robot, start):
+    free = {"translation": ["leg 0", "leg 1", "leg 2"]}
+    loop = mr.Controller(robot, dt=0.005, free=free, guess=start, integrator=STEPS)
+    for k in range(8):
+        command = loop.step(position=start.tip_position, translation={"mast": -2e-4 * k})
+    assert command.inputs.translation[3] == -2e-4 * 7
+    for _ in range(3):
+        command = loop.step(position=start.tip_position)
+    np.testing.assert_allclose(solved(robot, command.inputs, command).tip_position, start.tip_position, atol=1e-9)
+    with pytest.raises(TypeError, match=r"takes of 'translation' what is not free, by name, and not translation\['leg 0'\]"):
+        loop.step(position=start.tip_position, translation={"leg 1": 0.0})
+
+
 def test_a_force_is_estimated_from_the_pose(robot, start):
     sensor = mr.Pose(position=start.tip_position, rotation=start.tip_rotation, sigma=(1e-5, 1e-3))
     walks = {"force": mr.Walk(0.3, start=mr.Prior(0, sigma=0.5))}
@@ -136,6 +149,13 @@ def test_the_load_of_one_body_is_estimated_by_its_name(robot, start):
     meter = mr.Estimator(robot, dt=0.01, inputs=inputs, unknown=walks, sensors=options["measured"], integrator=STEPS)
     sample = meter.step([(truth.tip_position, truth.tip_rotation)])
     np.testing.assert_allclose(sample.value("force"), found.value("force"), atol=1e-5 * found.sigma("force").max())
+    # what is known of the same input changes by name, and leaves the others and what is estimated
+    sample = meter.step([(truth.tip_position, truth.tip_rotation)], force={"plate": (0, 0, -0.25)})
+    np.testing.assert_array_equal(sample.solution.inputs.force[:3], (0, 0, -0.25))
+    np.testing.assert_allclose(sample.solution.inputs.force[3:], sample.value("force"), atol=0)
+    for refused in ({"top": (0, 0, 0)}, {"plate": (0, 0, 0), "top": (0, 0, 0)}, {("top", "tip"): (0, 0, 0)}, np.zeros(6)):
+        with pytest.raises(TypeError, match=r"takes of 'force' what is not estimated, by name, and not force\['top'\]"):
+            meter.step([(truth.tip_position, truth.tip_rotation)], force=refused)
 
 
 def test_of_drives_those_of_motors_are_estimated(start):

@@ -20,7 +20,7 @@ from multirod.models.platform.inputs import LEG_INPUTS
 from multirod.naming import meant
 from multirod.read_only import changed
 from multirod.rod import Rod
-from multirod.validation import FloatArray, array, refuse, sequence
+from multirod.validation import Described, FloatArray, array, refuse, sequence
 
 INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
 OF_ONE = {spec.name: spec for spec in BACKBONE_INPUTS}  # rod, by name
@@ -146,7 +146,11 @@ def by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> Fl
             refuse(name, key, f"must be by name, one of {', '.join(map(repr, sizes))}{hint}")
         own = array(f"{name}[{key!r}]", part, (sizes[key],) if sizes[key] > 1 else ())
         parts[key] = own if sizes[key] > 1 else own[..., None]
-    shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
+    try:
+        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
+    except ValueError:
+        shapes = ", ".join(f"{key!r} {part.shape[:-1]}" for key, part in parts.items() if part.ndim > 1)
+        refuse(name, Described(f"leading axes {shapes}"), "these must broadcast")
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts.values()], axis=-1)
 
 

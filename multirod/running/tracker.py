@@ -11,6 +11,7 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.assembly import Assembly, Robot_co
+from multirod.by_name import completed
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.models.assemblies.inputs import KnownInputs
@@ -186,7 +187,8 @@ class Tracker(Uncopied, Generic[Robot_co]):
 
         Args:
             inputs: All inputs anew; or
-            **changes: Inputs by name, those that ``robot.inputs`` takes; what is not named keeps its value.
+            **changes: Inputs by name, those that ``robot.inputs`` takes; what is not named keeps its value, of an input that is
+                given by the names of rods, bodies or joints too.
 
         Returns:
             The sample's equilibrium or estimate, with its status.
@@ -223,6 +225,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
             present = self._present()
             held: dict[str, Any] = {name: getattr(present, name) for name in present.arrays}
             held |= dict(present.profiles)
+            changes = completed(self._robot, present, changes)
             # named so, for editors that follow them from ``step`` on
             new = self._robot.inputs(**{**held, **KnownInputs(**changes)})  # type: ignore[typeddict-item]
         if not _broadcasts(new.batch_shape, self._batch_shape):

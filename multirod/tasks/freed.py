@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
+from multirod.by_name import parts_of
 from multirod.inputs import Inputs
 from multirod.naming import meant, unknown_names
 from multirod.validation import FloatArray, frozen, refuse
@@ -102,10 +103,21 @@ def chosen(field: str, robot: Assembly, free: object) -> tuple[str, ...]:
     return Freed(names, parts, numbers)
 
 
-def parts_of(robot: Assembly, name: str) -> dict[str, slice]:
-    """Where among the numbers of an input those stand that are taken by name; none where it is not."""
-    sizes = robot.numbers_by_name.get(name, {})
-    return {part: slice(end - sizes[part], end) for part, end in zip(sizes, accumulate(sizes.values()), strict=True)}
+def refuse_freed(where: str, names: Sequence[str], changes: Mapping[str, object], why: str) -> None:
+    """Refuse changes of what a task chooses itself; what it leaves of an input may change by name.
+
+    Raises:
+        TypeError: If they are.
+    """
+    for name, value in changes.items():
+        if name not in names:
+            continue
+        if not isinstance(names, Freed) or name not in names.parts:
+            raise TypeError(f"{where} takes no {name!r}: it is {why}")
+        own = names.parts[name]
+        if not isinstance(value, Mapping) or any(part in own or not isinstance(part, str) for part in value):
+            said = ", ".join(f"{name}[{part!r}]" for part in own)
+            raise TypeError(f"{where} takes of {name!r} what is not {why}, by name, and not {said}")
 
 
 def named(field: str, given: str, known: Iterable[str], allowed: Iterable[str] | None = None) -> None:

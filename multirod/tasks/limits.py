@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Assembly
+from multirod.by_name import parts_of
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import ParallelRods
@@ -20,7 +21,7 @@ from multirod.naming import unknown_names
 from multirod.read_only import ReadOnly
 from multirod.results.remarks import Remarks
 from multirod.tasks.formulation import input_units, options
-from multirod.tasks.freed import columns, labels_of, named, parts_of
+from multirod.tasks.freed import columns, labels_of, named
 from multirod.validation import Described, FloatArray, array, nonnegative_float, number, positive_float, refuse, shown
 
 SHORTEST = 1e-3  # of its length, what of a rod stays in use

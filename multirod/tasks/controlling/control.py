@@ -36,7 +36,7 @@ class Foreseen:
     """What a sample says of the next one.
 
     Attributes:
-        target: What is asked for and measured, and the offset that follows from it.
+        target: What is asked for and measured, the offset that follows from it, and all inputs that are not free.
         off: Size of the rows before its step, squared.
         told: Of it, as ``control_kernels`` says where.
         begun: The same of the sample before, where that was for the same.
@@ -116,6 +116,8 @@ class ControlStep:
         self._foreseen: Foreseen | None = None
         self._trust = LONGEST  # (16b), for the present target
         self._offset: FloatArray = self._kept["offset"].numpy()
+        self._others = np.delete(np.arange(problem.read("inputs").shape[1]), task.places)  # what is not free
+        self.note_others()
         self._off: dict[Kind, FloatArray] = {}  # rows of each launch, where arrays are shared
         self._put_limits(slice(c), rows.matrix, *rows.inset(self._unit))
         self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
@@ -174,6 +176,10 @@ class ControlStep:
         told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
         told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
 
+    def note_others(self) -> None:
+        """What is not free may have changed."""
+        self._under = self._problem.read("inputs")[0, self._others].tobytes()
+
     def mind(self, failed: bool, told: FloatArray) -> None:
         """Take shorter steps after a sample that failed: what starts from the same place would fail again; or whose step came to
         less than foreseen, (16b). Longer ones after others, up to those that are usual."""
@@ -188,7 +194,7 @@ class ControlStep:
         if not self._shared:
             return LONGEST
         before, rows = self._foreseen, self._off[self._kind]
-        target = (*(own.tobytes() for own in self.given.values()), self._offset.tobytes())
+        target = (*(own.tobytes() for own in self.given.values()), self._offset.tobytes(), self._under)
         if before is None or before.target != target:
             self._foreseen, self._trust = Foreseen(target, float(rows @ rows), told, told, 0), LONGEST
             return LONGEST

@@ -9,6 +9,7 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.assembly import Robot_co
+from multirod.by_name import completed
 from multirod.exclusive import Uncopied
 from multirod.inputs import Inputs
 from multirod.integrators import RK45, Integrator
@@ -28,7 +29,7 @@ from multirod.tasks.controlling.control import ControlStep
 from multirod.tasks.controlling.control_kernels import SINGULAR, make_control
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, input_units
-from multirod.tasks.freed import chosen, values_of, with_values
+from multirod.tasks.freed import chosen, refuse_freed, values_of, with_values
 from multirod.tasks.given import TURNED, plain, turned
 from multirod.tasks.limits import ROUNDING_BEYOND, Limits, limit_rows, nearest, refuse_start
 from multirod.tasks.rows import PARTS, Kind, Pose
@@ -113,7 +114,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         problem = self._task.problem
         x, p = np.array(problem.adopt(start.unknowns[None])), self._task.values()
         refuse_start("Controller.limits", self._rows, p, robot, self.free)
-        unpack = Unpack(given, {name: problem.input_slice(name) for name in given.arrays}, ())
+        self._unpack = unpack = Unpack(given, {name: problem.input_slice(name) for name in given.arrays}, ())
         self._given = given
         self._scene: Scene[Robot_co] = Scene(robot, (), method, device, problem.record_fields, unpack)
         self._plain, self._names = PlainInputs(robot, problem, given, self.free), {spec.name for spec in robot.input_specs}
@@ -193,7 +194,8 @@ class Controller(Uncopied, Generic[Robot_co]):
             measured_position: Where the robot's tip is seen to be [m], under the inputs of the last sample. NaN is a sensor that
                 dropped out: the sample goes on without it, and says so.
             measured_rotation: Its rotation, likewise.
-            **changes: Inputs that are not free, by name, where they have changed.
+            **changes: Inputs that are not free, by name, where they have changed. Where these are given by the names of rods,
+                bodies or joints, what is not named keeps its value, and what is not free may change.
 
         Returns:
             The inputs to apply, with the equilibrium that they lead to. ``TRACKING``; ``AT_LIMIT`` where a limit holds the tip
@@ -217,6 +219,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             if changes:
                 if not self._plain.write(changes):
                     self._change(changes)
+                self._step.note_others()
                 self._watch.compare()
             return self._sample(kind, seen)
         finally:
@@ -276,16 +279,15 @@ class Controller(Uncopied, Generic[Robot_co]):
 
     def _change(self, changes: dict[str, Any]) -> None:
         """Other values of what is not free."""
-        for name in changes:
-            if name in self.free:
-                raise TypeError(f"Controller.step() takes no {name!r}: it is free")
-        new, problem = self._robot.inputs(**changes), self._task.problem
+        refuse_freed("Controller.step()", self.free, changes, "free")
+        problem = self._task.problem
+        rows = problem.read("inputs")
+        new = self._robot.inputs(**completed(self._robot, self._unpack(rows), changes))
         if new.batch_shape or new.profiles:
             refuse("Controller.step()", Described(", ".join(changes)), "must be numbers, without leading axes")
         for name, value in changes.items():
             if new.is_active(name) and not problem.takes(name):
                 refuse(f"Controller.step({name})", value, "must be given, not zero, at the start: it is compiled in there")
-        rows = problem.read("inputs")
         for name in changes:
             rows[:, problem.input_slice(name)] = getattr(new, name)
         problem.write("inputs", rows)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, Robot, Robot_co
 from multirod.batch import Undecided
+from multirod.by_name import parts_of
 from multirod.inputs import Inputs
 from multirod.naming import meant, names_checked
 from multirod.results.solution import Solution, SolveError
@@ -23,7 +24,7 @@ from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.estimating.unknown import unknown_of
-from multirod.tasks.freed import every_label, parts_of, places_of
+from multirod.tasks.freed import every_label, places_of
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers

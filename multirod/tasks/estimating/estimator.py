@@ -24,7 +24,7 @@ from multirod.tasks.estimating.iteration import Known
 from multirod.tasks.estimating.priors import Walk
 from multirod.tasks.estimating.unknown import unknown_of
 from multirod.tasks.formulation import options
-from multirod.tasks.freed import places_of
+from multirod.tasks.freed import places_of, refuse_freed
 from multirod.tasks.limits import known_rows
 from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Live, Sensor, batch_of, checked
@@ -130,9 +130,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
             ValueError: If a value is out of range, or a measurement not what its sensor says.
             RuntimeError: If another thread is in ``step``.
         """
-        for name in changes:
-            if name in self._places:
-                raise TypeError(f"Estimator.step() takes no {name!r}: it is estimated")
+        refuse_freed("Estimator.step()", self._filter.names, changes, "estimated")
         if not self._lock.acquire(False):
             raise RuntimeError("this Estimator is in use on another thread: make an Estimator for each thread")
         try:

@@ -9,10 +9,11 @@ import numpy as np
 from multirod import plausibility
 from multirod.assembly import Assembly
 from multirod.batch import IntArray
+from multirod.by_name import parts_of
 from multirod.inputs import Inputs
 from multirod.tasks.estimating.inference import block_diagonal
 from multirod.tasks.estimating.priors import Prior, Walk
-from multirod.tasks.freed import chosen, parts_of, with_values
+from multirod.tasks.freed import chosen, with_values
 from multirod.validation import Described, FloatArray, instance, refuse
 
 Knowledge = TypeVar("Knowledge", Prior, Walk)
