@@ -117,6 +117,19 @@ def test_a_varying_precurvature_is_within_its_bound(translation):
     assert "precurvature_degree" in term.saves
 
 
+def test_a_short_section_whose_precurvature_varies_is_within_its_bound():
+    """Of 0.03 of the length: none of twenty places lies in it. By hand: the integral of ``(L - s) u*(s)`` is ``-2/3 A w^2``."""
+    A, w, length = 2.0, 0.015, 1.0
+    own = {"bending_stiffness": 1.0, "torsional_stiffness": 0.8}
+    straight, bent = mr.Section(length=0.285, **own), lambda s: (A * (s - w) / w, 0.0, 0.0)
+    sections = [straight, mr.Section(length=2 * w, precurvature=bent, **own), mr.Section(length=length - 0.315, **own)]
+    robot = mr.SingleRod(mr.Rod(sections=sections))
+    inputs = robot.inputs(tip_force=(1e-6, 0, 0))
+    error, change = mr.explain(robot, inputs)["precurvature_profile"].error, moved(robot, inputs, "precurvature_profile")
+    assert change == pytest.approx(2 / 3 * A * w**2, rel=1e-2)  # of a rod that is bent by so little
+    assert change < error < 3 * A * 0.1  # as if it varied so on two of the twenty parts
+
+
 def test_a_profile_is_dropped_for_its_mean():
     robot = mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8, precurvature=curved))
     less, _ = mr.explain(robot).without("precurvature_profile")

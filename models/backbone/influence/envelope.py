@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray
 from multirod.inputs import Inputs
 from multirod.models.backbone.inputs import LOADS as SPECS
+from multirod.profile import bounds, recentred
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
 SAME_PLACE = 1e-12  # [m]: ends this close are at the same place
 NODES = 20  # midpoints of as many equal parts of the length
+PARTS = 8  # of a piece on which precurvature is a polynomial, each bounded by itself
 GROUPS = 16  # of a batch, each of which is bounded as a whole
 LARGEST_GROUP = 4096
 
@@ -28,7 +30,6 @@ LOADS = FORCES + MOMENTS
 ALONG = tuple(spec.name for spec in SPECS if spec.acts == "along")
 POWER = {spec.name: spec.power for spec in SPECS}
 
-T = (np.arange(NODES) + 0.5) / NODES
 FROM_BASE = (np.tril(np.ones((NODES, NODES)), -1) + 0.5 * np.eye(NODES)) / NODES  # integrates from the base to each node
 TO_TIP = FROM_BASE.T  # from each node to the tip
 
@@ -114,13 +115,11 @@ def _envelope(
     unit = high[:, :, 0].sum(axis=1)[:, None]
     departs = np.zeros((2, *high.shape))
     if arrays.degree:
-        mean, varied = _precurvature(arrays, T * size - translation[:, :, None])
-        departs = np.stack([np.linalg.norm(varied[..., :2], axis=-1), np.abs(varied[..., 2])]) * size
-        rod["curved"] = high * np.linalg.norm(mean[..., :2], axis=-1)
+        departs = _departures(arrays, translation, length) * size
     stiffness = high / unit[:, None]
     measured = 0.0
     if "tip_curvature" in own.given:
-        gap = np.linalg.norm(own.tip_curvature - arrays.precurvature[:, 0, -1, :3], axis=-1)
+        gap = np.linalg.norm(own.tip_curvature - _polynomials(arrays)[:, 0, -1].sum(axis=-2), axis=-1)
         measured = float((gap * length / unit[:, 0] * arrays.material[:, 0, -1, :3].max(axis=-1)).max())
     behind = _behind(arrays, translation) * (unit / length[:, None]) if transmission else np.zeros((1, high.shape[1]))
     return Envelope(
@@ -147,8 +146,10 @@ def _materials(arrays: RodArrays, ends: FloatArray, length: FloatArray) -> tuple
     Of all sections that reach into a node's part of the length, however short they are.
     """
     EI, material = arrays.material[..., :2], arrays.material
+    precurvature = _polynomials(arrays)
     quantities = {
         "high": EI.max(axis=-1),
+        "compliant": 1 / EI.min(axis=-1),
         "uneven": EI.max(axis=-1) - EI.min(axis=-1),
         "torsion": material[..., 5],
         "least": 1 / material[..., :3].min(axis=-1),
@@ -156,22 +157,32 @@ def _materials(arrays: RodArrays, ends: FloatArray, length: FloatArray) -> tuple
         "across": np.abs(material[..., 6] - material[..., 7]),
         "density": material[..., 9],
         "magnetisation": np.linalg.norm(material[..., 10:13], axis=-1),
-        "curved": EI.max(axis=-1) * np.linalg.norm(arrays.precurvature[..., :2], axis=-1),
+        "curved": EI.max(axis=-1) * np.linalg.norm(_mean(precurvature)[..., :2], axis=-1),
     }
+    found = _largest(quantities, ends, length)
+    soft = found.pop("compliant")
+    ended = ends[..., -1:] < np.arange(1, NODES + 1) / NODES * length[:, None, None] - SAME_PLACE
+    low = np.where(ended | (soft == 0), 0.0, 1 / np.where(soft == 0, 1.0, soft))
+    return found.pop("high"), low, found
+
+
+def _largest(quantities: Mapping[str, FloatArray], ends: FloatArray, length: FloatArray) -> dict[str, FloatArray]:
+    """The largest of quantities of rods' pieces, none negative, about each node, (instances, n, NODES); what is pushed out of the
+    base continues the first piece.
+
+    Of all pieces that reach into a node's part of the length, however short they are.
+    """
     edges = np.arange(NODES + 1) / NODES * length[:, None, None]
     left, right = edges[..., :-1] + SAME_PLACE, edges[..., 1:] - SAME_PLACE
-    shape = (*ends.shape[:2], NODES)
-    found = {name: np.zeros(shape) for name in quantities}
-    low = np.where(ends[..., -1:] < right, 0.0, inf)  # a rod that ends there
+    found = {name: np.zeros((*ends.shape[:2], NODES)) for name in quantities}
     begins = np.full(ends.shape[:2], -inf)
     for k in range(ends.shape[2]):
         stops = ends[..., k]
         inside = (stops[..., None] > left) & (begins[..., None] < right) & (stops > begins)[..., None]
         for name, values in quantities.items():
             np.maximum(found[name], np.where(inside, values[..., k, None], 0.0), out=found[name])
-        low = np.minimum(low, np.where(inside, EI[..., k, :].min(axis=-1)[..., None], inf))
         begins = np.where(stops > begins, stops, begins)
-    return found.pop("high"), np.where(np.isfinite(low), low, 0.0), found
+    return found
 
 
 def _behind(arrays: RodArrays, translation: FloatArray) -> FloatArray:
@@ -181,22 +192,39 @@ def _behind(arrays: RodArrays, translation: FloatArray) -> FloatArray:
     return np.asarray((np.maximum(stops - starts, 0.0) * arrays.material[..., 5]).sum(axis=-1))
 
 
-def _precurvature(arrays: RodArrays, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean of ``u*`` over the piece at arclengths ``x`` of the rods, and how far it is from that [1/m], (instances, n, NODES,
-    3)."""
-    rows = (np.arange(len(arrays.end))[:, None, None], np.arange(arrays.end.shape[1])[:, None])
-    piece = np.minimum((x[..., None] >= arrays.end[:, :, None, :]).sum(axis=-1), arrays.end.shape[2] - 1)
-    piece = piece + (arrays.end[*rows, piece] == 0)  # what is pushed out of the base continues the first
-    coefficients = arrays.precurvature[*rows, piece]
-    coefficients = coefficients.reshape(*coefficients.shape[:-1], arrays.degree + 1, 3)
-    powers = np.arange(arrays.degree + 1)
-    mean = (coefficients * ((powers % 2 == 0) / (powers + 1))[:, None]).sum(axis=-2)
-    ends = arrays.end[*rows, piece]
-    starts = np.where(piece > 0, arrays.end[*rows, np.maximum(piece - 1, 0)], 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        local = np.clip(np.nan_to_num((2 * x - starts - ends) / (ends - starts)), -1, 1)
-    value = (coefficients * (local[..., None] ** powers)[..., None]).sum(axis=-2)
-    return mean, value - mean
+def _polynomials(arrays: RodArrays) -> FloatArray:
+    """Of ``u*`` on each piece, from -1 to 1, shape (instances, n, pieces, degree + 1, 3).
+
+    What is pushed out of the base has that of the first piece that has a length, which it continues.
+    """
+    found = arrays.precurvature.reshape(*arrays.precurvature.shape[:-1], arrays.degree + 1, 3)
+    following = np.concatenate([found[:, :, 1:], found[:, :, -1:]], axis=2)
+    return np.where((arrays.end == 0)[..., None, None], following, found)
+
+
+def _mean(coefficients: FloatArray) -> FloatArray:
+    """Of polynomials from -1 to 1."""
+    powers = np.arange(coefficients.shape[-2])
+    return np.asarray((coefficients * ((powers % 2 == 0) / (powers + 1))[:, None]).sum(axis=-2))
+
+
+def _departures(arrays: RodArrays, translation: FloatArray, length: FloatArray) -> FloatArray:
+    """How far ``u*`` is anywhere about each node from its mean over the piece: bending and twist [1/m], shape (2, instances, n,
+    NODES).
+
+    Each piece is bounded part by part: on a short one no power of its polynomial does much but the first.
+    """
+    coefficients = _polynomials(arrays)
+    varied = np.array(coefficients)
+    varied[..., 0, :] -= _mean(coefficients)
+    steps = np.linspace(-1.0, 1.0, PARTS + 1)
+    varied = recentred(varied[..., None, :, :], -1.0, 1.0, steps[:-1], steps[1:])
+    starts = np.concatenate([np.zeros_like(arrays.end[..., :1]), arrays.end[..., :-1]], axis=-1)
+    ends = starts[..., None] + (arrays.end - starts)[..., None] * (steps[1:] + 1) / 2
+    ends = ends.reshape(*ends.shape[:2], -1) + translation[:, :, None]
+    values = {"bend": bounds(varied[..., :2]), "twist": bounds(varied[..., 2:])}
+    found = _largest({name: value.reshape(*value.shape[:2], -1) for name, value in values.items()}, ends, length)
+    return np.stack([found["bend"], found["twist"]])
 
 
 def _loads(
