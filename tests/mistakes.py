@@ -381,10 +381,17 @@ GROUPS: dict[str, list[Mistake]] = {
         ),
         Mistake(
             "offsets of a multibackbone in mm",
-            "mr.multibackbone(wire(), [wire()] * 2, offsets=[(3, 0), (-3, 0)], discs=2)",
+            "mr.multibackbone(wire(), [wire()] * 2, offsets=[(3, 0), (0, 3)], discs=2)",
             WARNING,
             "multibackbone.offsets of 3 m are more than half of the length, 0.4 m; if they are in mm, give 0.003",
             "metres",
+        ),
+        Mistake(
+            "rods of a multibackbone that cannot stretch",
+            "mr.multibackbone(wire(), [wire()] * 2, offsets=[(3e-3, 0), (-3e-3, 0)], discs=2)",
+            WARNING,
+            "2 of them do not stretch, and bending gives 1 of their lengths alone",
+            "`Rod.wire(..., extensible=True)`",
         ),
         Mistake(
             "a tendon outside of its tube",

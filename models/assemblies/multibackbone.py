@@ -69,6 +69,7 @@ def multibackbone(
         refuse("multibackbone.backbone", backbone, "must be the same all along, of one section, without members or lines")
     at = _offsets(offsets, len(rods))
     plausibility.of_offsets("multibackbone.offsets", at[:, :2, 3], rods)
+    plausibility.of_rods_through_discs(backbone, rods, at[:, :2, 3])
     kind = choice("multibackbone.hole", hole, HOLES)
     mass = nonnegative_float("multibackbone.disc_mass", disc_mass)
     plates = [Body(f"disc {k + 1}", mass=mass) for k in range(count)]

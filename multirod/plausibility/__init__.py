@@ -17,6 +17,7 @@ from multirod.plausibility.robots import (
     of_pose,
     of_pose_sigma,
     of_prior_sigma,
+    of_rods_through_discs,
 )
 from multirod.plausibility.rods import Material, of_rod, of_tube_magnetisation
 from multirod.plausibility.solutions import of_bases, of_strains
@@ -43,6 +44,7 @@ __all__ = [
     "of_pose_sigma",
     "of_prior_sigma",
     "of_rod",
+    "of_rods_through_discs",
     "of_strains",
     "of_tube_magnetisation",
 ]

@@ -153,6 +153,21 @@ def of_offsets(field: str, offsets: FloatArray, rods: "Sequence[Rod]") -> None:
         )
 
 
+def of_rods_through_discs(backbone: "Rod", rods: "Sequence[Rod]", offsets: FloatArray) -> None:
+    """Warn of rods, at ``offsets`` (rod_count, 2), whose lengths beside a backbone that bends in two planes contradict each other
+    unless motors push them just so."""
+    stretches = [any(np.isfinite(section.axial_stiffness).any() for section in rod.sections) for rod in (backbone, *rods)]
+    still = np.flatnonzero(~np.array(stretches[1:]))
+    by_bending = offsets[still]  # how much shorter each becomes by an angle about either axis, and as the backbone stretches
+    freedom = np.linalg.matrix_rank(np.column_stack([by_bending, np.ones(len(still))]) if stretches[0] else by_bending)
+    if len(still) > freedom:
+        say(
+            f"multibackbone.rods: {len(still)} of them do not stretch, and bending gives {freedom} of their lengths alone: "
+            "between discs they buckle unless they are pushed by just what fits; give axial_stiffness, or "
+            "Rod.wire(..., extensible=True)"
+        )
+
+
 def of_nested_lines(tubes: "Sequence[Rod]") -> None:
     """Warn of lines of tubes that do not run within the tube around theirs."""
     for k, (tube, around) in enumerate(pairwise(tubes)):
