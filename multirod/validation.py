@@ -107,7 +107,7 @@ def positive_float(field: str, value: object) -> float:
     result = number(field, value)
     if not (math.isfinite(result) and result > 0):
         refuse(field, value, "must be finite and > 0")
-    return result
+    return _no_larger(field, value, result)
 
 
 def nonnegative_float(field: str, value: object) -> float:
@@ -115,6 +115,12 @@ def nonnegative_float(field: str, value: object) -> float:
     result = number(field, value)
     if not (math.isfinite(result) and result >= 0):
         refuse(field, value, "must be finite and >= 0")
+    return _no_larger(field, value, result)
+
+
+def _no_larger(field: str, value: object, result: float) -> float:
+    if result > LARGEST:
+        refuse(field, value, f"must be at most {LARGEST:g} in SI units")
     return result
 
 
@@ -201,9 +207,14 @@ def known_as(names: Sequence[str | None]) -> str:
 
 def some_names(field: str, value: object) -> tuple[str, ...]:
     """A name, or several, as a tuple; refused by a ``TypeError``."""
-    if isinstance(value, str) or not isinstance(value, Iterable):
-        value = (value,)
-    return sequence(field, tuple(value), str, "names, such as ('rotation', 'tip_force')")
+    return sequence(field, listed(value), str, "names, such as ('rotation', 'tip_force')")
+
+
+def listed(value: object) -> list[Any]:
+    """What there may be one of, or several, as a list; NumPy's numbers as Python's."""
+    several = isinstance(value, Iterable) and not isinstance(value, str) and getattr(value, "shape", None) != ()
+    given: list[Any] = list(value) if several else [value]  # type: ignore[call-overload]
+    return [own.item() if isinstance(own, np.integer) else own for own in given]
 
 
 def choice(field: str, value: object, allowed: Iterable[str]) -> str:
@@ -258,6 +269,21 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
         refuse(field, first_of(~within, result, value), f"must be finite, and at most {LARGEST:g} in SI units")
     result.flags.writeable = False
     return result
+
+
+def measurement(field: str, value: object, tail: tuple[int, ...] = ()) -> FloatArray:
+    """Like ``array``, of what a sensor says: NaN where it dropped out."""
+    result = array(field, value, tail, finite=False)
+    if (wrong := np.isinf(result)).any():
+        refuse(field, first_of(wrong, result, value), "must be finite, or NaN where there is no measurement")
+    if (wrong := np.abs(result) > LARGEST).any():
+        refuse(field, first_of(wrong, result, value), f"must be at most {LARGEST:g} in SI units")
+    return result
+
+
+def unsure(given: FloatArray, *, infinite: bool = False) -> NDArray[np.bool_]:
+    """Where there is no standard deviation, or none whose square counts for anything beside others."""
+    return ~((given >= SMALLEST) & (given <= LARGEST) | infinite & np.isposinf(given))
 
 
 def directions(field: str, value: object, axes: FloatArray) -> FloatArray:

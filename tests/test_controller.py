@@ -282,6 +282,8 @@ def test_what_a_controller_refuses(start, changes, error, message):
         ({"position": (0, 0, 0.3), "translation": (0, 0, 0)}, TypeError, "takes no 'translation': it is free"),
         ({"position": (0, 0, 0.3), "tip_moment": (0, 0, 0.1)}, ValueError, "must be given, not zero, at the start"),
         ({"position": (0, 0, 0.3), "measured_position": (0, 0)}, ValueError, "shape"),
+        ({"position": (0, 0, 0.3), "measured_position": (np.inf, 0, 0)}, ValueError, "finite, or NaN where there is no"),
+        ({"position": (0, 0, 0.3), "measured_position": (1e300, 0, 0)}, ValueError, r"at most 1e\+50 in SI units"),
         ({"position": (0, 0, 0.3), "measured_position": np.zeros((2, 3))}, ValueError, r"measured_position\) .* of one robot"),
         ({"position": (0, 0, 0.3), "measured_rotation": 2 * np.eye(3)}, ValueError, r"measured_rotation\) .* must be a rotation"),
         ({"position": (0, 0, 0.3), "measured_rotation": -np.eye(3)}, ValueError, r"measured_rotation\) .* a mirror image"),

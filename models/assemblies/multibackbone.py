@@ -55,7 +55,7 @@ def multibackbone(
         TypeError: If a rod is no ``Rod``, or ``rods`` no list of them.
     """
     count = positive_int("multibackbone.discs", discs)
-    if not isinstance(rods, (list, tuple, np.ndarray)):
+    if not isinstance(rods, (list, tuple, np.ndarray)) or (isinstance(rods, np.ndarray) and not rods.ndim):
         raise TypeError(f"multibackbone.rods = {rods!r} is not allowed: must be a list of Rod, one for each pair of offsets")
     for k, rod in enumerate((backbone, *rods)):
         if not isinstance(rod, Rod):

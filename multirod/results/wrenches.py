@@ -13,7 +13,7 @@ from multirod.problem import nodes_of_pieces
 from multirod.results.jointed import Jointed
 from multirod.rotations import cross
 from multirod.types import Numbers
-from multirod.validation import FloatArray, array, frozen, refuse
+from multirod.validation import Described, FloatArray, frozen, measurement, refuse
 
 if TYPE_CHECKING:
     from multirod.problem import Shape
@@ -43,9 +43,14 @@ class Wrench:
         """The same wrench, told about another point [m], in the world, shape (..., 3): such as ``solution.tip_position``.
 
         Raises:
-            ValueError: If it is not such an array.
+            ValueError: If it is not such an array, finite or NaN, or its leading axes do not fit.
         """
-        there = array("Wrench.about.point", point, (3,), finite=False)
+        there = measurement("Wrench.about.point", point, (3,))
+        try:
+            np.broadcast_shapes(there.shape, self.force.shape)
+        except ValueError:
+            allowed = f"its leading axes must broadcast to those of the wrench, {self.force.shape[:-1]}"
+            refuse("Wrench.about.point", Described(f"array of shape {there.shape}"), allowed)
         moment = self.moment + cross(*np.broadcast_arrays(self.position - there, self.force))
         return Wrench(self.force, moment, np.broadcast_to(there, moment.shape))
 
@@ -82,7 +87,7 @@ class Wrenches(Jointed[Robot_co]):
                 known = f", or a hole, a number below {own.holes}" if own.holes else ": it slides through no hole"
                 refuse("end", end, f"must be 'base' or 'tip'{known}")
             return self._at_hole(own, int(end))
-        if end not in ("base", "tip"):
+        if not isinstance(end, str) or end not in ("base", "tip"):
             refuse("end", end, f"must be 'base' or 'tip'{meant(end, ('base', 'tip')) if isinstance(end, str) else ''}")
         if end == "tip" and not own.tip:
             refuse("end", end, "must be 'base': nothing holds the tip, and what acts on it is an input")

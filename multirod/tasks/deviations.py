@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from multirod.validation import FloatArray, array, refuse
+from multirod.validation import LARGEST, SMALLEST, FloatArray, array, refuse, unsure
 
 ONE_OR_THREE = ("one number", "one number, or three along the axes of the world")
 
@@ -44,3 +44,5 @@ def refuse_unsure(field: str, value: object, given: FloatArray) -> None:
     """Refuse what is no standard deviation; ``value`` is what the user gave."""
     if not ((given > 0) & np.isfinite(given)).all():
         refuse(field, value, "must be finite and > 0")
+    if unsure(given).any():
+        refuse(field, value, f"must be from {SMALLEST:g} to {LARGEST:g} in SI units")

@@ -16,7 +16,7 @@ from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jaco
 from multirod.tasks.deviations import deviations
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
-from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, first_of, nonnegative_float, refuse
+from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, first_of, measurement, nonnegative_float, refuse
 
 NEARBY = LENGTH.high  # within which a place is nothing to warn of [m]
 PARTS = ("position", "rotation", "axis", "across")  # of a pose
@@ -306,10 +306,7 @@ def _tilt(tangent: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray
 
 def vector(field: str, value: object) -> FloatArray:
     """Numbers (..., 3), which may be NaN: of a sensor that dropped out."""
-    result = array(field, value, (3,), finite=False)
-    if np.count_nonzero(wrong := np.isinf(result)):
-        refuse(field, first_of(wrong, result, value), "must be finite, or NaN where there is no measurement")
-    return result
+    return measurement(field, value, (3,))
 
 
 def _rotation(value: object) -> FloatArray:

@@ -36,7 +36,17 @@ from multirod.tasks.rows import PARTS, Kind, Pose
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
 from multirod.types import Numbers
-from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, device_name, frozen, instance, positive_float, refuse
+from multirod.validation import (
+    SMALLEST_AXIS,
+    Described,
+    FloatArray,
+    device_name,
+    frozen,
+    instance,
+    measurement,
+    positive_float,
+    refuse,
+)
 
 LAG = 5.0  # samples, of the correction by default
 OWN = *PARTS, "measured_position", "measured_rotation"  # of a sample, beside inputs
@@ -266,7 +276,7 @@ class Controller(Uncopied, Generic[Robot_co]):
                 found.append(0)
                 continue
             sure = plain(value, tail)
-            numbers = np.asarray(value) if sure else array(f"Controller.step(measured_{name[5:]})", value, tail, finite=False)
+            numbers = np.asarray(value) if sure else measurement(f"Controller.step(measured_{name[5:]})", value, tail)
             if numbers.shape != tail:
                 refuse(f"Controller.step(measured_{name[5:]})", value, "must be of one robot, without leading axes")
             if tail == (3, 3) and not turned(value, TURNED):

@@ -4,7 +4,7 @@ import numpy as np
 
 from multirod.batch import IntArray, take
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, first_of, refuse, shown
+from multirod.validation import LARGEST, SMALLEST, Described, FloatArray, array, first_of, refuse, shown, unsure
 
 SYMMETRIC = 1e-9  # what a covariance may be off its transpose, of its largest entry
 
@@ -107,16 +107,21 @@ def deviations(field: str, value: object, *, infinite: bool = False) -> FloatArr
     wrong = ~(result > 0) | ((not infinite) & np.isinf(result))
     if not result.size or wrong.any():
         refuse(field, first_of(wrong, result, value), "must be > 0" + (" (inf: nothing is known)" if infinite else " and finite"))
+    if (wrong := unsure(result, infinite=infinite)).any():
+        allowed = f"must be from {SMALLEST:g} to {LARGEST:g} in SI units" + (", or inf" if infinite else "")
+        refuse(field, first_of(wrong, result, value), allowed)
     return result
 
 
 def _covariance(value: object) -> FloatArray:
     result = array("Prior.covariance", value)
-    if result.ndim < 2 or result.shape[-1] != result.shape[-2]:
+    if result.ndim < 2 or result.shape[-1] != result.shape[-2] or not result.size:
         refuse("Prior.covariance", Described(f"array of shape {result.shape}"), "must be (..., k, k)")
     twisted = np.abs(result - np.swapaxes(result, -1, -2)).max() > SYMMETRIC * np.abs(result).max()
     if twisted or (np.linalg.eigvalsh(result) <= 0).any():
         refuse("Prior.covariance", value, "must be symmetric and positive definite")
+    if unsure(np.sqrt(np.diagonal(result, axis1=-2, axis2=-1))).any():
+        refuse("Prior.covariance", value, f"must be of standard deviations from {SMALLEST:g} to {LARGEST:g} in SI units")
     return result
 
 

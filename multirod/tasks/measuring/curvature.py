@@ -8,7 +8,7 @@ from multirod import plausibility
 from multirod.naming import names_checked
 from multirod.tasks.deviations import deviation
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, refuse
+from multirod.validation import Described, FloatArray, array, measurement, refuse
 
 
 class Curvature:
@@ -36,9 +36,7 @@ class Curvature:
             refuse("Curvature.at", at, "must be one arclength >= 0 or several, rising")
         self.rod = rod
         self._single = array("Curvature.at", at).ndim == 0
-        given = array("Curvature.value", value, finite=False)
-        if np.isinf(given).any():
-            refuse("Curvature.value", value, "must be finite, or NaN where there is no measurement")
+        given = measurement("Curvature.value", value)
         self.components = given.shape[-1] if given.ndim else 0
         if self.components not in (2, 3):
             refuse("Curvature.value", Described(f"array of shape {given.shape}"), "must be (..., 2), or (..., 3) with torsion")

@@ -8,7 +8,9 @@ import numpy as np
 from multirod.naming import hinted
 from multirod.tasks.deviations import deviation
 from multirod.types import Numbers
-from multirod.validation import Described, FloatArray, array, index_of, known_as, refuse
+from multirod.validation import Described, FloatArray, index_of, known_as, listed, measurement, refuse, sequence
+
+CALLED = "indices or names of lines, or one of them"
 
 
 class Tension:
@@ -23,6 +25,7 @@ class Tension:
         line: Index or name of a line, in the order of the rods' lines, or several; all by default.
 
     Raises:
+        TypeError: If ``line`` is no index and no name.
         ValueError: If values are not as many as lines, a line is named twice, or ``sigma`` is not > 0.
     """
 
@@ -32,8 +35,8 @@ class Tension:
 
     @hinted("it is named, Tension(value=solution.tension, sigma=0.1)")
     def __init__(self, *, value: Numbers, sigma: Numbers, line: int | str | Sequence[int | str] | None = None) -> None:
-        self.lines = (line,) if isinstance(line, (int, str)) else None if line is None else tuple(line)
-        self._single = isinstance(line, (int, str))
+        self._single = isinstance(line, (int, np.integer, str))
+        self.lines = None if line is None else sequence("Tension.line", listed(line), (int, str), CALLED)
         self.value = self._column("Tension.value", value)
         if self.lines is not None and (len(self.lines) != self.count or len(set(self.lines)) < self.count):
             refuse("Tension.line", line, f"must be {self.count}, each once: value has as many")
@@ -52,9 +55,7 @@ class Tension:
 
     def _column(self, field: str, value: object, count: int | None = None) -> FloatArray:
         """Checked values, (..., count, 1)."""
-        result = array(field, value, finite=False)
-        if np.isinf(result).any():
-            refuse(field, value, "must be finite, or NaN where there is no measurement")
+        result = measurement(field, value)
         result = result[..., None] if self._single else result
         if not result.ndim or (count is not None and result.shape[-1] != count):
             refuse(field, value, f"must have shape (..., {count or 'count'}), one number of each line")
