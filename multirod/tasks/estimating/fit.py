@@ -17,10 +17,10 @@ from multirod.stability import Stability
 from multirod.status import Status
 from multirod.tasks.estimating.inference import SETTLED, Posterior, posterior, roots, units
 from multirod.tasks.estimating.iteration import HALVINGS, RESTORED, SLACK, TOLERANCE
-from multirod.tasks.estimating.kinked import DECREASE, ENDLESS
+from multirod.tasks.estimating.kinked import ENDLESS
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import Parameters
-from multirod.tasks.estimating.settling import GOOD, LONGER, POOR, ROUNDING, SHORTER, SHORTEST, SPENT
+from multirod.tasks.estimating.settling import SHORTEST, SPENT, falls, next_reach, promised
 from multirod.tasks.formulation import Evaluation
 from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.sensors import Measured
@@ -138,23 +138,20 @@ class Fit:
 
     def _settle(self, near: Place | None, base: Place, most: int) -> None:
         """(21) From one equilibrium to the next, each where (1) is less; the first is ``near``, or ``base`` if there is none."""
-        here, reach = near or base, np.inf
+        here, reach = near or base, np.array(np.inf)
         allowed = self.integrations + SPENT * most
         while here.gap <= 1 and self.integrations < allowed and not self._ends(here):
-            length = float(here.planned.length[0])
-            along = min(1.0, reach / length)
-            gone, saved = along * length, along * (2 - along) * length**2
+            length = here.planned.length[0]
+            along = np.minimum(1.0, reach / length)
+            gone, saved = along * length, promised(along, length)
             if gone < SHORTEST:
                 return
             change = along * (here.change - here.towards)
             ahead = self._at(here.x + change, here.p + along * here.planned.step[0])
             there = None if ahead is None else self._at_rest(ahead)
-            came_off = -np.inf if there is None else (here.square - there.square) / saved
-            if came_off < POOR:
-                reach = SHORTER * gone
-            elif came_off >= GOOD:
-                reach = max(reach, LONGER * gone)
-            if there is not None and there.square <= here.square - DECREASE * saved + ROUNDING * here.square:
+            was, square = np.array(here.square), np.array(np.inf if there is None else there.square)
+            reach = next_reach(reach, gone, (was - square) / saved)
+            if there is not None and falls(square, was, saved):
                 here = there
 
     def _ends(self, here: Place) -> bool:

@@ -9,6 +9,7 @@ from multirod.status import Status
 from multirod.tasks.estimating.inference import SETTLED, posterior, units
 from multirod.tasks.estimating.kinked import DECREASE, ENDLESS, NEWTON
 from multirod.tasks.formulation import Evaluation
+from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.tasks.estimating.iteration import Part
@@ -20,6 +21,22 @@ SHORTER, LONGER = 0.25, 2.0
 SHORTEST = 1e-6  # standard deviations, steps of which tell nothing
 ROUNDING = 1e-9  # of (1), that rounding may add
 TINY = 1e-300
+
+
+def promised(along: FloatArray, length: FloatArray) -> FloatArray:
+    """(21) What a part ``along`` of a step of this ``length`` is to take off (1)."""
+    return along * (2 - along) * length**2
+
+
+def falls(square: FloatArray, was: FloatArray, saved: FloatArray) -> NDArray[np.bool_]:
+    """Whether (1) fell from what it ``was`` by enough of what was promised, ``saved``."""
+    return np.asarray(square <= was - DECREASE * saved + ROUNDING * was)
+
+
+def next_reach(reach: FloatArray, gone: FloatArray, came_off: FloatArray) -> FloatArray:
+    """(21) How far the next step may go, after one of length ``gone`` of whose promise this part ``came_off``."""
+    shorter, longer = SHORTER * gone, np.maximum(reach, LONGER * gone)
+    return np.where(came_off >= GOOD, longer, np.where(came_off >= POOR, reach, shorter))
 
 
 class Settling:
@@ -79,13 +96,10 @@ class Settling:
         square = (r**2).sum(axis=1) + ((root @ away[..., None])[..., 0] ** 2).sum(axis=1)
         with np.errstate(invalid="ignore"):
             came_off = (was - square) / np.maximum(self._saved[rows], SETTLED**2 * DECREASE)
-            less = square <= was - DECREASE * self._saved[rows] + ROUNDING * square
+            less = falls(square, was, self._saved[rows])
         less &= np.isfinite(J).all(axis=(1, 2))
-        known = np.isfinite(was)
-        self._reach[rows] = np.where(known & ~(came_off >= POOR), SHORTER * self._length[rows], self._reach[rows])
-        self._reach[rows] = np.where(
-            known & (came_off >= GOOD), np.maximum(self._reach[rows], LONGER * self._length[rows]), self._reach[rows]
-        )
+        reach = next_reach(self._reach[rows], self._length[rows], came_off)
+        self._reach[rows] = np.where(np.isfinite(was), reach, self._reach[rows])
         own, r, J, root, away = rows[less], r[less], J[less], root[less], away[less]
         self._x[own], self._p[own], self._square[own] = self._next_x[own], self._next_p[own], square[less]
         self._by[own] = found.take(less).eliminated[1]
@@ -116,7 +130,7 @@ class Settling:
         moved = np.maximum(np.abs(self._by[rows] @ step[..., None]).max(axis=(1, 2)), TINY)
         along = np.minimum(1.0, np.minimum(self._reach[rows] / self._whole[rows], self._longest(rows) / moved))
         self._length[rows] = along * self._whole[rows]
-        self._saved[rows] = along * (2 - along) * self._whole[rows] ** 2
+        self._saved[rows] = promised(along, self._whole[rows])
         self._next_p[rows] = part.bounds.kept(self._p[rows] + along[:, None] * step, self._p[rows])
         change = (self._by[rows] @ (self._next_p[rows] - self._p[rows])[..., None])[..., 0]
         self._next_x[rows], self._sought[rows] = self._x[rows] + change, 0
