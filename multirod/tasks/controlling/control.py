@@ -117,7 +117,8 @@ class ControlStep:
         self._trust = LONGEST  # (16b), for the present target
         self._offset: FloatArray = self._kept["offset"].numpy()
         self._others = np.delete(np.arange(problem.read("inputs").shape[1]), task.places)  # what is not free
-        self.note_others()
+        self._under = b""
+        self.others_changed()
         self._off: dict[Kind, FloatArray] = {}  # rows of each launch, where arrays are shared
         self._put_limits(slice(c), rows.matrix, *rows.inset(self._unit))
         self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
@@ -176,9 +177,10 @@ class ControlStep:
         told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
         told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
 
-    def note_others(self) -> None:
-        """What is not free may have changed."""
-        self._under = self._problem.read("inputs")[0, self._others].tobytes()
+    def others_changed(self) -> bool:
+        """Whether what is not free has changed since this was asked last."""
+        before, self._under = self._under, self._problem.read("inputs")[0, self._others].tobytes()
+        return before != self._under
 
     def mind(self, failed: bool, told: FloatArray) -> None:
         """Take shorter steps after a sample that failed: what starts from the same place would fail again; or whose step came to

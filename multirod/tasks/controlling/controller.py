@@ -229,8 +229,8 @@ class Controller(Uncopied, Generic[Robot_co]):
             if changes:
                 if not self._plain.write(changes):
                     self._change(changes)
-                self._step.note_others()
-                self._watch.compare()
+                if self._step.others_changed():
+                    self._watch.compare()
             return self._sample(kind, seen)
         finally:
             self._lock.release()
