@@ -31,7 +31,8 @@ class Measured:
         solver: Ready to use.
         position: Largest distance of the tip from the reference [m].
         rotation: Largest angle between the end effector's frame and the reference's [rad].
-        shape: Largest distance of a node of any rod from the reference's [m].
+        shape: Largest distance of a node of any rod, of 21, from the reference's [m]; at fewer steps than nodes these take a step
+            each (``docs/tradeoff.md``).
         residual: Largest residual that the setting reports [1/m].
         median: Time of a sample [s].
         slow: Time that 95 of 100 samples stay within [s].
