@@ -88,6 +88,33 @@ def test_a_force_is_read_from_gratings_on_rods_of_a_network(robot):
     assert (spread[3:5] < 0.01).all()
 
 
+def test_the_load_of_one_body_is_read_along_rods_too(robot):
+    """By what each sensor sees: as of a prior that knows what acts on the others; from an estimator's sample likewise."""
+    real = mr.solve(robot, robot.inputs(**GIVEN), solver=SOLVER).raise_if_failed()
+    held = real.wrench("left")
+    sensors = [
+        mr.Curvature(at=0.1, value=real.along(0.1, of="curvature", rod="mast"), sigma=1e-2, rod="mast"),
+        mr.Pose(position=real.along(0.2, rod="mast"), at=0.2, rod="mast", sigma=1e-4),
+        mr.ForceTorque(force=held.force, moment=held.moment, sigma=(1e-2, 1e-3), rod="left"),
+        mr.Tension(value=real.tension, sigma=1e-2),
+    ]
+    known = robot.inputs(**{name: value for name, value in GIVEN.items() if name != "force"})
+    prior, sure = mr.Prior(0, sigma=0.5), np.array([1e-9] * 3 + [0.5] * 3 + [1e-9] * 3)
+    for sensor in sensors:
+        options = {"measured": sensor, "solver": SOLVER}
+        named = mr.estimate(robot, known, unknown={"force": {"top": prior}}, **options).raise_if_failed()
+        every = mr.estimate(robot, known, unknown={"force": mr.Prior(0, sigma=sure)}, **options).raise_if_failed()
+        # both end within a hundredth of a deviation
+        np.testing.assert_allclose(named.value("force"), every.value("force")[3:6], atol=0.02 * named.sigma("force").max())
+        np.testing.assert_allclose(named.covariance("force"), every.covariance("force")[3:6, 3:6], atol=1e-2 * 0.5**2)
+    walks = {"force": {"top": mr.Walk(0.3, start=prior)}}
+    meter = mr.Estimator(robot, dt=0.01, inputs=known, unknown=walks, sensors=sensors[:1], integrator=SOLVER.integrator)
+    first = meter.step([sensors[0].value[0]])
+    named = mr.estimate(robot, known, unknown={"force": {"top": prior}}, measured=sensors[0], solver=SOLVER)
+    np.testing.assert_allclose(first.value("force"), named.value("force"), atol=0.02 * named.sigma("force").max())
+    assert meter.step([sensors[0].value[0]]).status == mr.Status.TRACKING
+
+
 def test_rods_that_slide_have_no_place_at_an_arclength():
     joints = [
         mr.Joint("wire", "base", to=mr.ground),

@@ -193,4 +193,5 @@ class AlongTask(Task):
             lines = self.problem.lines
             assert lines is not None  # as a robot with lines has
             sensed["tension", 0] = lines.tension()[..., None], lines.tension_columns(*self.free)[:, :, None]
-        return Along(sensed, poses)
+        sensed = {key: (value, self.chosen(by)) for key, (value, by) in sensed.items()}
+        return Along(sensed, {rod: replace(each, columns=self.chosen(each.columns)) for rod, each in poses.items()})

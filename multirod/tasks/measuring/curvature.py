@@ -56,8 +56,12 @@ class Curvature:
         return self.at
 
     def joined(self, field: str, value: object) -> object:
-        """What it says at a sample, (..., count, components), to be checked; or one NaN for all."""
-        return value
+        """What it says at a sample, (..., count, components), to be checked; or one NaN for all. As ``value`` is given, of one
+        arclength without ``count``."""
+        if not self._single or isinstance(value, float):
+            return value
+        rows = array(field, value, (self.components,), finite=False)
+        return rows if rows.shape[-2:-1] == (1,) else rows[..., None, :]
 
     def shaped(self, field: str, value: FloatArray) -> FloatArray:
         """Values (..., count, components)."""
