@@ -374,3 +374,21 @@ def test_legs_between_plates_that_are_like_each_other_are_estimated_at_equilibri
     np.testing.assert_allclose(squares[:, -1], found.misfit[good], rtol=1e-4)
     # the last step is less than a hundredth of a deviation: they are 0.05^2 - 2 * 0.05 * 0.01 more where nothing bends
     assert (squares[:, :-1] - squares[:, -1:] > 0.0005).all()
+
+
+@pytest.mark.parametrize("push", [-0.02, -0.05, -0.1])
+@pytest.mark.parametrize("times", [1.15, 1.3])
+def test_a_column_is_found_on_the_side_that_priors_did_not_expect(push, times):
+    """(24) Loaded beyond where it buckles, ``push`` [N] aside: steps lead along the other branch to where that ends."""
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.05, torsional_stiffness=0.04))
+    load = -times * np.pi**2 * 0.05 / (4 * 0.4**2)
+    truth = mr.solve(robot, robot.inputs(tip_force=(push, 0, load)))
+    given = {"measured": mr.Pose(position=truth.tip_position, rotation=truth.tip_rotation, sigma=(1e-3, 1e-2))}
+    given["unknown"] = {"tip_force": mr.Prior((0.03, 0, load), sigma=(0.1, 0.1, 0.05))}
+    found = mr.estimate(robot, **given)
+    assert found.status is mr.Status.CONVERGED
+    assert found.consistent
+    known = mr.estimate(robot, guess=truth, **given)
+    # either ends by a step of a hundredth of a deviation, along a valley
+    np.testing.assert_allclose(found.value("tip_force"), known.value("tip_force"), atol=0.1 * found.sigma("tip_force").min())
+    assert np.sign(found.solution.tip_position[0]) == np.sign(truth.tip_position[0])

@@ -26,7 +26,7 @@ def test_force_from_curvatures_is_as_good_as_can_be(wire, gratings):
     robot = mr.SingleRod(wire)
     force, bent = gratings
     found = mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=AT, value=bent, sigma=BENT)).raise_if_failed()
-    assert found.integrations.max() <= 6
+    assert found.integrations[found.consistent].max() <= 6  # another is looked for elsewhere too, which takes a solve, (24)
     assert (found.degrees == 18).all()
     error, covariance = found.value("tip_force") - force, found.covariance("tip_force")
     # of 600 squares: 0.8 to 1.2 is some four standard deviations
