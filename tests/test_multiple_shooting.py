@@ -304,6 +304,7 @@ def test_where_shooting_creeps_segments_go_on(soft, monkeypatch):
     assert failed.status.tolist() == [2, 1, 2]
     assert (failed.integrations < handed.integrations).tolist() == [True, False, True]
     monkeypatch.setattr(pace, "CREEPING", np.inf)
+    monkeypatch.setattr(pace, "LONG", np.inf)  # of whose pace nobody asks
     crept = solved()
     assert handed.status.tolist() == crept.status.tolist() == [16, 1, 16]
     assert (handed.integrations[[0, 2]] < 0.35 * crept.integrations[[0, 2]]).all()
@@ -328,6 +329,7 @@ def test_what_creeps_to_an_end_is_followed_to_there(soft, monkeypatch):
     handed = mr.solve(soft, inputs, solver=solver)
     assert counted == [[mr.Status.BRANCH_END]]
     monkeypatch.setattr(pace, "CREEPING", np.inf)
+    monkeypatch.setattr(pace, "LONG", np.inf)  # of whose pace nobody asks
     crept = mr.solve(soft, inputs, solver=solver)
     assert len(counted) == 1
     assert handed.status == crept.status == mr.Status.BRANCH_END
@@ -485,7 +487,7 @@ def test_parts_and_threads_change_no_bit(threads, mixed, monkeypatch):
     """Strong loads in two of the parts."""
     robot, inputs, whole = mixed
     monkeypatch.setattr(batch, "SHORTEST_PART", 3)
-    pieces = batch.parts(len(FORCES), threads)
+    pieces = batch.parts(len(FORCES), threads, 1, "cpu")
     assert len(pieces) > 1
     assert sum(any(k in range(p.start, p.stop) for k in STRONG) for p in pieces) == 2
     agree(mr.solve(robot, inputs, threads=threads), whole, slice(None))

@@ -10,6 +10,7 @@ from multirod.capabilities import Parts
 from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Left, Outcome
 from multirod.solvers.continuation.natural import let_go, natural_branch
+from multirod.solvers.continuation.pace import LONG
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.following.walk import NOISY
@@ -196,8 +197,7 @@ class ColdStart:
     def _begin_anywhere(self) -> None:
         """What inputs hold, from several places where it would rest."""
         if self.options.at_fold != "stop":
-            with self._searching():
-                self._released().begin_scattered(self.lost & np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE)))
+            self._released().begin_scattered(self.lost & np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE)))
 
     def _put_together(self) -> None:
         """By joints that close, and where several stable equilibria are meant, to the lowest one."""
@@ -255,7 +255,8 @@ class ColdStart:
         part = problem.parts.of(places)
         newton, everyone = self.newton.of(part, places), np.ones(len(places), dtype=bool)
         newton.allow(self._allowed[places])
-        again = natural_branch(part, newton, self.options.max_continuation_steps)
+        # that there is an end is known: a way to it is not given up for its pace
+        again = natural_branch(part, newton, min(self.options.max_continuation_steps, LONG - 1))
         assert again.reached is not None
         reached[places], ends[places] = again.reached, part.read("unknowns")
         newton.allow(np.maximum(self._allowed[places] - again.integrations, 0))
