@@ -46,7 +46,7 @@ def parts() -> Iterator[Target]:
     yield Target("hole", mr.Joint, hole, "kind", "axis", "stiffness", "rest", "at")
     network = {"rods": {"a": wire(), "b": wire()}, "bodies": [PLATE, TOP], "joints": joints()}
     yield Target("Network", mr.Network, network, *network, "driven")
-    thin = wire(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.01)
+    thin = wire(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.01, axial_stiffness=1e4)
     around = [(0.01, 0), (0, 0.01), (-0.01, 0)]
     discs = {"backbone": wire(length=0.2), "rods": [thin] * 3, "offsets": around, "discs": 1}
     yield Target("multibackbone", mr.multibackbone, discs, *discs, "hole", "disc_mass")
