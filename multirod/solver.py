@@ -148,13 +148,16 @@ def knows(problem: BoundaryProblem, guess: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(guess).all(axis=1) & ~problem.tells_nothing(guess))
 
 
-def refuse_unfit(problem: BoundaryProblem, outcome: Outcome) -> None:
-    """Say so where what a solver found is no result, for a problem that tests this, or where there can be none."""
+def refuse_unfit(problem: BoundaryProblem, outcome: Outcome, chosen: BoolArray | None = None) -> None:
+    """Say so where what a solver found is no result, for a problem that tests this, or where there can be none; of those
+    ``chosen``, shape (instance_count,), all by default."""
     if failures(outcome.status).any():
         outcome.status[:] = problem.reasons(outcome.status)
     if problem.result_test is None:
         return
     found, settled = ~failures(outcome.status), np.isin(outcome.status, SETTLED)
+    if chosen is not None:
+        found, settled = found & chosen, settled & chosen
     refusals = problem.result_test.refusals(settled)
     refused = found & (refusals != Status.NOT_RUN)
     outcome.status[refused] = refusals[refused]

@@ -34,9 +34,9 @@ def several(value: Any) -> Sequence[Any] | None:  # noqa: ANN401  (told by its t
     return None
 
 
-def completed(row: Any, places: Mapping[str, slice], given: dict[Any, Any]) -> list[Any] | None:  # noqa: ANN401  (a row)
+def by_place(row: Any, places: Mapping[str, slice], given: dict[Any, Any]) -> list[Any] | None:  # noqa: ANN401  (a row)
     """Numbers of a row with others where they are given by name; None where these need to be checked."""
-    whole: list[Any] = [] if row is None else row.tolist()
+    whole: list[Any] = row.tolist()
     for part, value in given.items():
         place, numbers = places.get(part), several(value)
         size = 0 if place is None else place.stop - place.start
@@ -81,7 +81,7 @@ class PlainInputs:
             value = given
             if type(given) is dict:
                 row, places = self._parts.get(name, NOWHERE)
-                value = completed(row, places, given)
+                value = None if row is None else by_place(row, places, given)
             else:
                 row = self._rows.get(name)
             if row is None or value is None:

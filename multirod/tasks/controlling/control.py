@@ -117,8 +117,7 @@ class ControlStep:
         self._trust = LONGEST  # (16b), for the present target
         self._offset: FloatArray = self._kept["offset"].numpy()
         self._others = np.delete(np.arange(problem.read("inputs").shape[1]), task.places)  # what is not free
-        self._under = b""
-        self.others_changed()
+        self._under = self._of_others()
         self._off: dict[Kind, FloatArray] = {}  # rows of each launch, where arrays are shared
         self._put_limits(slice(c), rows.matrix, *rows.inset(self._unit))
         self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
@@ -179,8 +178,11 @@ class ControlStep:
 
     def others_changed(self) -> bool:
         """Whether what is not free has changed since this was asked last."""
-        before, self._under = self._under, self._problem.read("inputs")[0, self._others].tobytes()
+        before, self._under = self._under, self._of_others()
         return before != self._under
+
+    def _of_others(self) -> bytes:
+        return bytes(self._problem.read("inputs")[0, self._others].tobytes())
 
     def mind(self, failed: bool, told: FloatArray) -> None:
         """Take shorter steps after a sample that failed: what starts from the same place would fail again; or whose step came to

@@ -317,12 +317,11 @@ def _joined(scene: Known, pieces: Sequence[Part]) -> Estimate[Any]:
     if not shape:
         solution._remarks = remarked(places, covariance, first.measured)
     prior = join("prior")
-    rows = np.concatenate([part.measured.known.sum(axis=1) for part in pieces]).reshape(shape)
-    flat = np.isinf(np.diagonal(prior, axis1=-2, axis2=-1)).sum(axis=-1)
+    degrees = np.concatenate([part.degrees for part in pieces]).reshape(shape)
     missing = np.concatenate([part.measured.missing for part in pieces])
     missing = missing.reshape((*shape, missing.shape[-1]))
     dropped = () if shape else first.measured.dropped()
-    return Estimate(solution, places, mean, covariance, prior, missing, misfit, rows - flat, dropped, bounds=first.bounds)
+    return Estimate(solution, places, mean, covariance, prior, missing, misfit, degrees, dropped, bounds=first.bounds)
 
 
 def remarked(places: Mapping[str, slice], covariance: FloatArray, measured: Measured) -> Remarks:

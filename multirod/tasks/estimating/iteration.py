@@ -100,22 +100,26 @@ class Part:
             begun = LetOut(self)
             while (chosen := begun.next()).any():
                 self._go_on(chosen, self._begin(chosen))
-        self._judge()
+        self._judge(np.ones(self.count, dtype=bool))
         self._once_more()
+
+    @property
+    def degrees(self) -> NDArray[np.intp]:
+        """How much more was measured than is unknown without a prior, shape (b,)."""
+        return np.asarray(self.measured.known.sum(axis=1) - np.isinf(np.diagonal(self.prior, axis1=1, axis2=2)).sum(axis=1))
 
     def _once_more(self) -> None:
         """(24) What is not likely, or no end, is sought again from where the robot comes to rest under what was found, if that is
         elsewhere: steps may have led to another branch than loads do. The more probable end stays."""
         status, before = self.outcome.status, {name: np.array(getattr(self, name)) for name in ("x", "p", "square", "covariance")}
         was, found = status.copy(), status == Status.CONVERGED
-        degrees = self.measured.known.sum(axis=1) - np.isinf(np.diagonal(self.prior, axis1=1, axis2=2)).sum(axis=1)
-        doubtful = found & (self.square > largest_square(degrees, CONSISTENT))
+        doubtful = found & (self.square > largest_square(self.degrees, CONSISTENT))
         doubtful |= np.isin(status, (*ENDLESS, Status.UNSTABLE)) & np.isfinite(self.square)
         again = self.put_at_rest(np.flatnonzero(doubtful), self.p[doubtful], APART)
         if not again.any():
             return
         self._go_on(again, self._begin(again))
-        self._judge()
+        self._judge(again)
         kept = again & ~((status == Status.CONVERGED) & (~found | (self.square < before["square"])))
         for name, values in before.items():
             getattr(self, name)[kept] = values[kept]
@@ -168,22 +172,24 @@ class Part:
         self.outcome.status[chosen & ~active & (self.outcome.status == Status.NOT_RUN)] = Status.STALLED
         return active
 
-    def _judge(self) -> None:
-        """Refuse what the robot would leave, or the problem's own test does: it was at rest when it was measured."""
-        found = self.outcome.status == Status.CONVERGED
+    def _judge(self, chosen: NDArray[np.bool_]) -> None:
+        """Refuse what the robot would leave of those ``chosen`` (b,), or the problem's own test does: it was at rest when it was
+        measured."""
+        found = chosen & (self.outcome.status == Status.CONVERGED)
         if not found.any():
             return
         problem = self.task.problem
         doubtful = found & ~(problem.mode_bounds()[:, 0] < 1)
         if doubtful.any():
-            self.outcome.status[doubtful & modes_of(problem).left] = Status.UNSTABLE
-        refuse_unfit(problem, self.outcome)
+            rows = np.flatnonzero(doubtful)
+            self.outcome.status[rows[modes_of(problem, rows).left]] = Status.UNSTABLE
+        refuse_unfit(problem, self.outcome, chosen)
 
     def _start(self) -> NDArray[np.bool_]:
         """The equilibria at the priors' means; which of them were found, and are not what is sought already. Those of which less
         was measured than is unknown without a prior are left out."""
         problem, every = self.task.problem, np.arange(self.count)
-        enough = self.measured.known.sum(axis=1) >= np.isinf(np.diagonal(self.prior, axis1=1, axis2=2)).sum(axis=1)
+        enough = self.degrees >= 0
         at_rest = not (np.any(problem.guess_integrations) or problem.load_scale().any() or problem.turning().any())
         if self.scene.guess is None and not at_rest:
             self.outcome = self.scene.solver.solve(problem)
