@@ -172,6 +172,15 @@ def test_a_load_present_at_the_start_may_be_zero_for_a_while(robot: mr.SingleRod
     np.testing.assert_allclose(again.unknowns, first.unknowns, rtol=0, atol=1e-8)
 
 
+def test_a_load_given_as_zero_at_the_start_may_come_later(robot: mr.SingleRod, monkeypatch: pytest.MonkeyPatch) -> None:
+    tracker = mr.Tracker(robot, solver=NEWTON, dt=0.005, inputs=robot.inputs(tip_force=(0, 0, 0)))
+    tracker.step()
+    truth = mr.solve(robot, robot.inputs(tip_force=FORCE), solver=NEWTON)
+    monkeypatch.setattr(robot, "problem", None)  # nothing is compiled again
+    loaded = tracker.step(tip_force=FORCE)
+    np.testing.assert_allclose(loaded.unknowns, truth.unknowns, rtol=0, atol=1e-8)
+
+
 BAD = [
     ("rotation", "0.1", "number"),
     ("rotation", None, "finite|number"),

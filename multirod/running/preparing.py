@@ -18,6 +18,7 @@ from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.running.progress import Watch
 from multirod.running.simulation import as_solver, simulate, solve
+from multirod.running.tracker import Tracker
 from multirod.solver import Outcome, Solver
 from multirod.status import Status
 from multirod.validation import boolean, device_name, some_names
@@ -111,3 +112,6 @@ def _follow(robot: Assembly, inputs: Inputs, solver: Solver, device: str) -> Non
     few = inputs[:SAMPLES] if inputs.batch_shape else inputs
     samples = few.batch_shape[0] if few.batch_shape and few.batch_shape[0] > 1 else SAMPLES
     simulate(robot, few, time=STEP * np.arange(samples), solver=solver, device=device, progress=False)
+    if set(few.given) - set(few.active):
+        # loads that are zero now: a motion of such has other kernels than a loop that is given them
+        Tracker(robot, solver=solver, dt=STEP, inputs=few[0] if few.batch_shape else few, device=device).step()

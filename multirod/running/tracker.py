@@ -69,8 +69,8 @@ class Tracker(Uncopied, Generic[Robot_co]):
         robot: The assembly.
         solver: ``Shooting()`` by default.
         dt: Time between samples [s]; needed by solvers that have dynamics of their own, such as ``Observer``.
-        inputs: At the start; their batch axes are kept. Loads not zero here are compiled in now: another load named
-            later is compiled in when it first comes, which takes seconds once.
+        inputs: At the start; their batch axes are kept. Loads given here, zero or not, are compiled in now: another load
+            named later is compiled in when it first comes, which takes seconds once.
         guess: Unknowns at the first sample, as for ``solve``.
         jacobian: Input or parameter, or several, whose columns each integration carries: ``jacobian``, ``vjp`` by these, as many
             of them as you like, then take no integration of their own. By fixed steps under a tip force alone, samples with
@@ -131,7 +131,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         inputs = self._inputs
         if 0 in inputs.batch_shape:
             refuse("Tracker.inputs", Described(f"leading axes {inputs.batch_shape}"), "there must be an instance")
-        self._enabled |= set(inputs.active)
+        self._enabled |= set(inputs.given)
         runner = Runner(self._robot, self._solver, inputs, self._dt, self._device, self._enabled, options=self._options)
         count = runner.problem.instance_count
         runner.start(guess, count, slice(0, count))

@@ -123,8 +123,11 @@ class Task:
         device: str = "cpu",
         instances: IntArray | None = None,
     ) -> Self:
-        """The task of a robot at ``inputs``: what is not freed stays as it is there."""
-        problem = robot.problem(inputs, integrator=integrator, device=device, instances=instances, **options(robot, free))
+        """The task of a robot at ``inputs``: what is not freed stays as it is there, or is given other values by who steps it,
+        zero or not."""
+        own = options(robot, free)
+        own["enabled"] = (*own["enabled"], *inputs.given)
+        problem = robot.problem(inputs, integrator=integrator, device=device, instances=instances, **own)
         return cls(problem, free)
 
     @property

@@ -68,8 +68,8 @@ class Controller(Uncopied, Generic[Robot_co]):
         robot: The assembly; without leading axes.
         dt: Time between samples [s].
         free: Names of the inputs that it chooses; of a ``Network`` also of what, as of ``reach``.
-        inputs: Where it begins, and all that is not free. Without ``guess`` too: all by default, or as near to that as the limits
-            allow.
+        inputs: Where it begins, and all that is not free: each load that will come, zero or not. Without ``guess`` too: all by
+            default, or as near to that as the limits allow.
         limits: Kept at every sample: of the freed inputs, and of the shape. These cost a look at each command, an integration or
             two, and several where a command is near one (``docs/tasks.md``).
         correction_time: Of the filter between measurement and correction [s]; five samples by default.
@@ -297,7 +297,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             refuse("Controller.step()", Described(", ".join(changes)), "must be numbers, without leading axes")
         for name, value in changes.items():
             if new.is_active(name) and not problem.takes(name):
-                refuse(f"Controller.step({name})", value, "must be given, not zero, at the start: it is compiled in there")
+                refuse(f"Controller.step({name})", value, "must be given at the start too, or as zero: it is compiled in there")
         for name in changes:
             rows[:, problem.input_slice(name)] = getattr(new, name)
         problem.write("inputs", rows)
