@@ -14,7 +14,7 @@ from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.results.events import Events, placed_events, taken_events
 from multirod.segments import Breakpoints, placed, taken
-from multirod.status import BoolArray, Status, failures
+from multirod.status import BoolArray, Status, failures, settled
 from multirod.validation import FloatArray, positive_float, refuse
 from multirod.warning import warn
 
@@ -131,18 +131,6 @@ class Outcome:
         )
 
 
-SETTLED = (
-    Status.CONVERGED,
-    Status.LOWEST_ENERGY,
-    Status.MULTIPLE_SHOOTING,
-    Status.BIFURCATED,
-    Status.SNAPPED,
-    Status.DAMPED,
-    Status.REACHED,
-    Status.AT_LIMIT,
-)
-
-
 def knows(problem: BoundaryProblem, guess: FloatArray) -> NDArray[np.bool_]:
     """Of which instances there is a guess, (instance_count,): what failed is NaN, and what is straight and taut tells nothing."""
     return np.asarray(np.isfinite(guess).all(axis=1) & ~problem.tells_nothing(guess))
@@ -155,13 +143,13 @@ def refuse_unfit(problem: BoundaryProblem, outcome: Outcome, chosen: BoolArray |
         outcome.status[:] = problem.reasons(outcome.status)
     if problem.result_test is None:
         return
-    found, settled = ~failures(outcome.status), np.isin(outcome.status, SETTLED)
+    found, tested = ~failures(outcome.status), settled(outcome.status)
     if chosen is not None:
-        found, settled = found & chosen, settled & chosen
-    refusals = problem.result_test.refusals(settled)
+        found, tested = found & chosen, tested & chosen
+    refusals = problem.result_test.refusals(tested)
     refused = found & (refusals != Status.NOT_RUN)
     outcome.status[refused] = refusals[refused]
-    outcome.integrations = outcome.integrations + problem.result_test.integrations * settled  # it may be another's
+    outcome.integrations = outcome.integrations + problem.result_test.integrations * tested  # it may be another's
 
 
 class Track(Uncopied, ABC):

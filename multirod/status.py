@@ -101,6 +101,7 @@ _EVENTS = frozenset({Status.LOWEST_ENERGY, Status.BIFURCATED, Status.SNAPPED, St
 _CODES = np.arange(max(Status) + 1)
 _FAILED = np.isin(_CODES, [int(status) for status in Status if status.failed])
 _EVENT = np.isin(_CODES, [int(status) for status in _EVENTS])
+_SETTLED = np.isin(_CODES, [*_EVENTS, Status.CONVERGED, Status.MULTIPLE_SHOOTING, Status.REACHED, Status.AT_LIMIT])
 
 
 def failures(values: IntArray) -> BoolArray:
@@ -111,6 +112,11 @@ def failures(values: IntArray) -> BoolArray:
 def left_branch(values: IntArray) -> BoolArray:
     """``Status.event`` of an array of statuses."""
     return np.asarray(_EVENT.take(values, mode="clip"))
+
+
+def settled(values: IntArray) -> BoolArray:
+    """Which of an array of statuses are of an equilibrium, neither failures nor estimates."""
+    return np.asarray(_SETTLED.take(values, mode="clip"))
 
 
 _MESSAGES = {

@@ -21,8 +21,8 @@ from multirod.results.found import Found
 from multirod.results.scene import stand_in
 from multirod.reuse import borrowed
 from multirod.segments import taken
-from multirod.solver import SETTLED
 from multirod.stability import Modes, Stabilities, Stability, modes_of
+from multirod.status import settled
 from multirod.types import (
     StabilityOrArray,
 )
@@ -56,7 +56,7 @@ class Computed(Found[Robot_co]):
         """
         if self._strain_said or all(rod.outer_diameter is None for rod in self.assembly.rods):
             return
-        unsettled = ~np.isin(self._outcome.status.reshape(-1), SETTLED)
+        unsettled = ~settled(self._outcome.status.reshape(-1))
         if shapes is None:
             unknowns = self._records[:, self._scene.fields["unknowns"]]
             self._strain_said = plausibility.of_bases(self.assembly, unknowns, unsettled)

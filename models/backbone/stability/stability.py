@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
+MOST_NODES_IN_A_LAUNCH = 129  # of few rods: asking step by step takes as long as these
 OFTEN = 8  # solves of one problem, from which a kernel pays that tells only what is surely stable
 
 
@@ -123,8 +124,8 @@ class BackboneStability(StabilityAnalysis):
         if own is None or not own.has_potential:
             return None
         # by as many nodes as looks of late called for, then by as many as this one does
-        tried, needed, found = 0, min(own.usual, MOST_NODES_AT_FIRST - 2.0), None
-        while tried <= needed < MOST_NODES_AT_FIRST - 1:
+        tried, needed, found = 0, min(own.usual, MOST_NODES_IN_A_LAUNCH - 2.0), None
+        while tried <= needed < MOST_NODES_IN_A_LAUNCH - 1:
             segments = ceil(needed + 1e-6)  # as whole numbers decide
             tried = own.nodes.get(segments, 0) or own.nodes.setdefault(segments, self._nodes_for(needed))
             found = ask(own, tried)
