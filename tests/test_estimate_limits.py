@@ -216,7 +216,7 @@ def test_slack_lines_far_from_taut_and_at_their_kinks_are_looked_across(force):
     off = (((tips.tip_position - there.tip_position) / 5e-4) ** 2).sum(axis=-1)
     squares = np.nan_to_num(off, nan=np.inf) + (((grid - means[:, None]) / size) ** 2).sum(axis=-1)
     assert (found.misfit < squares.min(axis=1)).all()
-    assert found.integrations.max() < 100  # 54 were seen
+    assert found.integrations[found.consistent].max() < 100  # 54 were seen; what is far from its prior is looked for elsewhere
 
 
 @pytest.mark.parametrize("force", [(0.02, 0.01, 0), (0, 0, 0)])

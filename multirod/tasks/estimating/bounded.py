@@ -90,6 +90,13 @@ class Bounds:
         (low, high), moved = self._room(p), step @ self.rows.matrix.T
         return np.flatnonzero(~((moved >= low) & (moved <= high)).all(axis=1))
 
+    def before(self, p: FloatArray, step: FloatArray, part: float) -> FloatArray:
+        """Where steps (b, k) lead from ``p`` (b, k), or this ``part`` of the way to a limit that they would go beyond."""
+        (low, high), moved = self._room(p), step @ self.rows.matrix.T
+        beyond = (moved < low) | (moved > high)
+        room = np.where(moved < 0, low, high) / np.where(beyond, moved, 1.0)
+        return np.asarray(p + np.where(beyond, part * room, 1.0).min(axis=1, initial=1.0)[:, None] * step)
+
     def _room(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What is left to go of each row, at ``p`` (b, k), down and up, shapes (b, c)."""
         at = p @ self.rows.matrix.T

@@ -14,8 +14,9 @@ from multirod.solver import Outcome, Solver, refuse_unfit
 from multirod.stability import modes_of
 from multirod.status import Status, failures
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.inference import CONSISTENT, SETTLED, damping, deviations, largest_square, posterior, roots, units
-from multirod.tasks.estimating.kinked import ENDLESS, Kinked
+from multirod.tasks.estimating.elsewhere import Elsewhere
+from multirod.tasks.estimating.inference import SETTLED, damping, deviations, posterior, roots, units
+from multirod.tasks.estimating.kinked import Kinked
 from multirod.tasks.estimating.let_out import LetOut
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.estimating.settling import Settling
@@ -32,7 +33,6 @@ HALVINGS = 8
 LIKELY = 3.0  # standard deviations of the priors, beyond which no step goes once one has not come off
 EPSILON = float(np.finfo(np.float64).eps)
 SHARPEST = 20.0  # residuals of a step that is taken, over the curvatures that arise
-APART = 1e-3  # of the curvatures that arise, by which two equilibria are two
 RESTORED = 0.5  # of the residual: a step that leaves no more of it is taken too
 SLACK = 1e-9  # of the squares' sum, that rounding may add
 PLACE = ("x", "p", "square", "gap", "towards", "by", "step", "covariance", "J", "r")
@@ -95,38 +95,20 @@ class Part:
 
     def run(self) -> None:
         """Go on until each instance has come to an end."""
-        self._go_on(np.ones(self.count, dtype=bool), self._start())
+        active = self._start()
+        self.first = self.x.copy()
+        self._go_on(np.ones(self.count, dtype=bool), active)
         if len(self.task.problem.kinks):
             begun = LetOut(self)
             while (chosen := begun.next()).any():
-                self._go_on(chosen, self._begin(chosen))
-        self._judge(np.ones(self.count, dtype=bool))
-        self._once_more()
+                self.begin_again(chosen)
+        self.judge(np.ones(self.count, dtype=bool))
+        Elsewhere(self).run()
 
     @property
     def degrees(self) -> NDArray[np.intp]:
         """How much more was measured than is unknown without a prior, shape (b,)."""
         return np.asarray(self.measured.known.sum(axis=1) - np.isinf(np.diagonal(self.prior, axis1=1, axis2=2)).sum(axis=1))
-
-    def _once_more(self) -> None:
-        """(24) What is not likely, or no end, is sought again from where the robot comes to rest under what was found, if that is
-        elsewhere: steps may have led to another branch than loads do. The more probable end stays."""
-        status, before = self.outcome.status, {name: np.array(getattr(self, name)) for name in ("x", "p", "square", "covariance")}
-        was, found = status.copy(), status == Status.CONVERGED
-        doubtful = found & (self.square > largest_square(self.degrees, CONSISTENT))
-        doubtful |= np.isin(status, (*ENDLESS, Status.UNSTABLE)) & np.isfinite(self.square)
-        again = self.put_at_rest(np.flatnonzero(doubtful), self.p[doubtful], APART)
-        if not again.any():
-            return
-        self._go_on(again, self._begin(again))
-        self._judge(again)
-        kept = again & ~((status == Status.CONVERGED) & (~found | (self.square < before["square"])))
-        for name, values in before.items():
-            getattr(self, name)[kept] = values[kept]
-        status[kept] = was[kept]
-        if (kept & found).any():
-            self.task.evaluate(self.x, self.p, kept & found)
-            self.outcome.integrations[kept & found] += 1
 
     def put_at_rest(self, rows: NDArray[np.intp], p: FloatArray, apart: float = 0.0) -> NDArray[np.bool_]:
         """Put some instances where the robot comes to rest at inputs ``p`` (len(rows), k), if that is found, and ``apart`` from
@@ -142,10 +124,15 @@ class Part:
         found = solve(scene.robot, inputs, instances=numbers, **options)
         self.outcome.integrations[rows] += found.integrations
         x, scale = self.task.problem.adopt(np.nan_to_num(found.unknowns)), self.task.problem.curvature_scale()[rows]
-        there = ~found.failed & (np.abs(x - self.x[rows]).max(axis=1, initial=0.0) >= apart * scale)
+        with np.errstate(invalid="ignore"):
+            there = ~found.failed & ~(np.abs(x - self.x[rows]).max(axis=1, initial=0.0) < apart * scale)
         put[rows[there]] = True
         self.x[put], self.p[put] = x[there], p[there]
         return put
+
+    def begin_again(self, chosen: NDArray[np.bool_]) -> None:
+        """Seek an end of those ``chosen`` (b,) from the equilibria that they were put to."""
+        self._go_on(chosen, self._begin(chosen))
 
     def _go_on(self, chosen: NDArray[np.bool_], active: NDArray[np.bool_]) -> None:
         """Until each that is ``active`` of those ``chosen`` has come to an end."""
@@ -172,7 +159,7 @@ class Part:
         self.outcome.status[chosen & ~active & (self.outcome.status == Status.NOT_RUN)] = Status.STALLED
         return active
 
-    def _judge(self, chosen: NDArray[np.bool_]) -> None:
+    def judge(self, chosen: NDArray[np.bool_]) -> None:
         """Refuse what the robot would leave of those ``chosen`` (b,), or the problem's own test does: it was at rest when it was
         measured."""
         found = chosen & (self.outcome.status == Status.CONVERGED)
