@@ -16,6 +16,7 @@ ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
 MOST_STEPS = 32 * 65_536  # of the integrator for each rod, in all integrations of a way: one second
 PACED, TIMES = 100, 2.0  # steps, by the pace of the last of which a way is given up that would take so many times what is left
 LONG = 1000  # steps of a way, of which that is asked: shorter ones are soon over
+UNASKED = LONG - 1  # steps of the longest way of which it is not
 ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
 
 

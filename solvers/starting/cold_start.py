@@ -10,7 +10,7 @@ from multirod.capabilities import Parts
 from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Left, Outcome
 from multirod.solvers.continuation.natural import let_go, natural_branch
-from multirod.solvers.continuation.pace import LONG
+from multirod.solvers.continuation.pace import UNASKED
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.following.walk import NOISY
@@ -256,7 +256,7 @@ class ColdStart:
         newton, everyone = self.newton.of(part, places), np.ones(len(places), dtype=bool)
         newton.allow(self._allowed[places])
         # that there is an end is known: a way to it is not given up for its pace
-        again = natural_branch(part, newton, min(self.options.max_continuation_steps, LONG - 1))
+        again = natural_branch(part, newton, min(self.options.max_continuation_steps, UNASKED))
         assert again.reached is not None
         reached[places], ends[places] = again.reached, part.read("unknowns")
         newton.allow(np.maximum(self._allowed[places] - again.integrations, 0))
