@@ -172,3 +172,29 @@ def test_a_robot_stands_on_a_base_that_moves(difference):
     assert [joint.to.name for joint in discs.joints if joint.end == "base"] == ["hand", "disc 1", "hand"]
     with pytest.raises(ValueError, match="stacked.to = .* must be mr.ground, or a fixed body"):
         mr.stacked(tripod, to=mr.Body("hand"))
+
+
+@pytest.mark.parametrize("name", MOVED)
+def test_what_moves_a_body_does_the_work_that_the_potential_gains(difference, name):
+    """Of weights and of forces on bodies and free tips, for the hand lifts what stands on it."""
+    plate, hand = mr.Body("plate", mass=0.05), mr.Body("hand", pose=END, fixed=True)
+    joints = [mr.Joint("leg", "base", to=hand, pose=at(0, 0.01, 0.02)), mr.Joint("leg", "tip", to=plate)]
+    joints.append(mr.Joint("feeler", "base", to=hand, pose=at(0.03, 0, 0)))
+    robot = mr.Network(rods={"leg": ROD, "feeler": ROD}, bodies=[hand, plate], joints=joints)
+    along = np.array([0.3, -0.4, 0.9])
+    loads = {"gravity": (1, 2, -9), "force": {"plate": (0.3, -0.2, 0.1), "feeler": (0.1, 0.05, -0.2)}}
+
+    def moved(t):
+        start = np.array(MOVED[name]["hand"])
+        inputs = robot.inputs(**MOVED | {name: {"hand": start + t * along}}, **loads)
+        return mr.solve(robot, inputs, solver=SOLVER).raise_if_failed()
+
+    found = moved(0.0)
+    place = found.body_position("hand")
+    wrenches = [found.wrench(rod, "base").about(place) for rod in ("leg", "feeler")]
+    force, moment = (sum(getattr(own, part) for own in wrenches) for part in ("force", "moment"))
+    turn = Rotation.from_rotvec
+    now = np.array(MOVED["fixed_rotation"]["hand"])
+    rate = difference(lambda t: (turn(now + t * along) * turn(now).inv()).as_rotvec(), 1e-2)
+    gained = difference(lambda t: moved(t).potential, 1e-2)
+    np.testing.assert_allclose(gained, -force @ along if name == "fixed_position" else -moment @ rate, rtol=1e-7)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.models.network.elements.elements import Holding
-from multirod.models.network.places import LOADED
+from multirod.models.network.places import FIXED, LOADED
 from multirod.models.network.poses import frames_of
 from multirod.validation import FloatArray
 
@@ -54,13 +54,17 @@ class State:
 
 
 def reference_state(problem: "NetworkProblem") -> State:
-    """All instances where the poses of bodies are zero."""
-    kept = problem.read("unknowns")
-    at_zero = kept.copy()
-    at_zero[:, problem.first_pose :] = 0.0
-    problem.write("unknowns", at_zero)
+    """All instances where the poses of bodies are zero and those that are fixed have not been moved."""
+    unknowns, inputs = kept = problem.read("unknowns"), problem.read("inputs")
+    unknowns, inputs = unknowns.copy(), inputs.copy()
+    unknowns[:, problem.first_pose :] = 0.0
+    for name in FIXED if problem.graph.fixed else ():
+        inputs[:, problem.input_slice(name)] = 0.0
+    for rows, values in zip(("unknowns", "inputs"), (unknowns, inputs), strict=True):
+        problem.write(rows, values)
     state = problem.state()
-    problem.write("unknowns", kept)
+    for rows, values in zip(("unknowns", "inputs"), kept, strict=True):
+        problem.write(rows, values)
     return state
 
 
