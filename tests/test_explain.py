@@ -417,3 +417,23 @@ def test_an_inverse_problem_can_be_explained():
     less, inputs = mr.explain(inverse, inputs).without("gravity", "torsion")
     assert np.isinf(less.robot.legs[0].sections[0].torsional_stiffness)
     assert inputs.active == ("platform_position",)
+
+
+@pytest.mark.parametrize(
+    "loads",
+    [
+        {"follower_moment": (0, 0.3, 0), "distributed_moment": (0, 0, 0.5)},
+        {"follower_force": (0, 0.3, 0), "distributed_moment": (0, 0, 0.5)},
+        {"follower_moment": (0, 0.2, 0.3)},
+        {"follower_force": (0.2, 0, 0), "tip_moment": (0, 0, 0.3)},
+    ],
+)
+def test_what_follows_the_tip_twists_with_it(loads):
+    """Of a straight round rod, which torsion does not couple with bending but through these; alone and as a tube."""
+    rod = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.5)
+    for robot in (mr.SingleRod(rod), mr.ConcentricTubes([rod])):
+        inputs = robot.inputs(**loads)
+        found, whole = mr.explain(robot, inputs), mr.solve(robot, inputs).raise_if_failed()
+        for name in ("torsion", *loads):
+            without = mr.solve(*found.without(name)).raise_if_failed()
+            assert np.linalg.norm(without.tip_position - whole.tip_position) <= found[name].error

@@ -18,6 +18,7 @@ MOMENTS_PER_LENGTH = tuple(spec.name for spec in LOADS if spec.acts == "along" a
 ROUNDING = 1 + 1 / (2 * NODES**2)  # what the midpoint rule may lack
 WHOLE = np.full(NODES, 1 / NODES)  # integrates over the length
 ZERO = np.zeros(NODES)
+FROM_BASE_AND_TIP = np.vstack([FROM_BASE, WHOLE])  # and from the base to the tip, whose twist turns what follows it
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Source:
         bend: Change of the curvature at a given moment.
         torque: Change of the rate of each rod's torque, shape (n, NODES).
         tip_torque: Change of the torque at the tip.
-        twist: Change of the twist of each rod at a given torque, shape (n, NODES).
+        twist: Change of the twist of each rod at a given torque, at nodes and at the tip, shape (n, NODES + 1).
     """
 
     moment: FloatArray = field(default_factory=ZERO.copy)
@@ -103,19 +104,23 @@ class Comparison:
         self._own = np.where(
             self._uneven.any(axis=1, keepdims=True), self._coupled, 0.0
         )  # a rod turns itself by unequal axes alone
-        self._places = [slice((1 + k) * NODES, (2 + k) * NODES) for k in range(rods)]
+        self._places = [slice(start, start + NODES + 1) for start in NODES + (NODES + 1) * np.arange(rods)]
         self._twists = [
-            FROM_BASE @ (compliance[:, None] * TO_TIP) + behind / NODES
+            FROM_BASE_AND_TIP @ (compliance[:, None] * TO_TIP) + behind / NODES
             for compliance, behind in zip(bounds.torsion[:rods], bounds.transmission[:rods], strict=True)
         ]  # (10)
         self._tip_twists = [
-            (FROM_BASE @ compliance + behind) * last
+            (FROM_BASE_AND_TIP @ compliance + behind) * last
             for compliance, behind, last in zip(
                 bounds.torsion[:rods], bounds.transmission[:rods], bounds.furthest[:rods], strict=True
             )
         ]
         self._weights = self._influence()
         self.sources = self._loads() | self._properties()
+
+    @property
+    def _size(self) -> int:
+        return NODES + (NODES + 1) * self._rods
 
     def _at_tip(self, name: str) -> float:
         return float(np.max(self._bounds.loads.get(name, 0.0)))
@@ -140,10 +145,10 @@ class Comparison:
 
     def _effect(self) -> FloatArray:
         """(6) over the length: what the tip moves by where rods turn and twist."""
-        effect = np.zeros((1 + self._rods) * NODES)
+        effect = np.zeros(self._size)
         effect[:NODES] = WHOLE @ (self._arm[:, None] * FROM_BASE)
         if self._rods:
-            effect[self._places[0]] = self._force * self._across / NODES
+            effect[self._places[0]][:NODES] = self._force * self._across / NODES
         return effect
 
     def _answers(self) -> FloatArray:
@@ -157,10 +162,11 @@ class Comparison:
         uneven_shear = np.diag(force**2 * self._across)
         total = self._coupled.sum(axis=0)
 
-        result = np.zeros(((1 + self._rods) * NODES,) * 2)
+        result = np.zeros((self._size, self._size))
         result[:NODES, :NODES] = c[:, None] * turned
         for k, place in enumerate(places):  # (8)
-            result[:NODES, place] = np.diag(c * self._coupled[k]) + (c[:, None] * twisted if k == 0 else 0.0)
+            result[:NODES, place][:, :NODES] = np.diag(c * self._coupled[k]) + (c[:, None] * twisted if k == 0 else 0.0)
+            result[:NODES, place][:, NODES] = c * follower * self._bounds.furthest[k]
         for k, place in enumerate(places):  # (11)
             rate = self._coupled[k] * c
             by_turning = rate[:, None] * turned + (self._moment_per_length + force**2 * self._across)[:, None] * FROM_BASE
@@ -170,13 +176,14 @@ class Comparison:
                 by_twisting = np.diag(rate * (self._moment + others if j == k else self._coupled[j]))
                 if j == 0:
                     by_twisting += rate[:, None] * twisted + (uneven_shear if k == 0 else 0.0)
-                result[place, other] = self._twists[k] @ by_twisting
+                result[place, other][:, :NODES] = self._twists[k] @ by_twisting
+                result[place, other][:, NODES] = self._twists[k] @ (rate * follower) * self._bounds.furthest[j]
         return result
 
     def tip(self, source: Source) -> tuple[float, float]:
         """Bound of the tip's change by a source (13), ``inf`` where there is none, and what it is where nothing answers."""
         moment = source.moment + TO_TIP @ (self._force * source.stretch)
-        right = np.zeros((1 + self._rods) * NODES)
+        right = np.zeros(self._size)
         right[:NODES] = self._compliance * moment + source.bend
         for k, place in enumerate(self._places):
             rate = self._coupled[k] * self._compliance * moment + (0.0 if source.torque is None else source.torque[k])
@@ -218,7 +225,7 @@ class Comparison:
         others = self._coupled.sum(axis=0) - self._coupled + self._own
         rates = self._coupled * self._compliance * (self._moment + others) + self._moment_per_length + self._across * force**2
         at_tip = bounds.furthest[:, None] * (self._dead + self._following)
-        twist = (bounds.torsion * (rates @ FROM_BASE + at_tip)) @ TO_TIP
+        twist = (bounds.torsion * (rates @ FROM_BASE + at_tip)) @ FROM_BASE_AND_TIP.T
         twist = twist + bounds.transmission[:, None] * (rates @ WHOLE[:, None] + at_tip)
         uneven = bounds.uneven * (bounds.curved + bounds.stiffness * self._curvature)
         bend, turn = bounds.varied
@@ -227,7 +234,7 @@ class Comparison:
             "shear": shear,
             "torsion": Source(twist=twist),
             "anisotropy": self._bent(uneven),
-            "precurvature_profile": self._bent(varied, turn @ TO_TIP),
+            "precurvature_profile": self._bent(varied, turn @ FROM_BASE_AND_TIP.T),
         }
 
     def _bent(self, moments: FloatArray, twist: FloatArray | None = None) -> Source:
