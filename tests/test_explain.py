@@ -437,3 +437,13 @@ def test_what_follows_the_tip_twists_with_it(loads):
         for name in ("torsion", *loads):
             without = mr.solve(*found.without(name)).raise_if_failed()
             assert np.linalg.norm(without.tip_position - whole.tip_position) <= found[name].error
+
+
+def test_the_twist_of_what_follows_the_tip_is_counted():
+    """Which a torque along the rod turns by ``q L^2 / 2 GJ``, and the moment that bends it with it: by twice the sine of half."""
+    rod = mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.5)
+    robot = mr.SingleRod(rod)
+    bending, torque = 0.03, 0.5
+    moved = bending / 2 * 2 * np.sin(torque / 2 / 0.5 / 2)  # of small bending, the tip's M L^2 / 2 EI turns about the rod
+    found = mr.explain(robot, robot.inputs(follower_moment=(0, bending, 0), distributed_moment=(0, 0, torque)))
+    assert found["torsion"].error > moved
