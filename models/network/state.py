@@ -55,16 +55,16 @@ class State:
 
 def reference_state(problem: "NetworkProblem") -> State:
     """All instances where the poses of bodies are zero and those that are fixed have not been moved."""
-    unknowns, inputs = kept = problem.read("unknowns"), problem.read("inputs")
-    unknowns, inputs = unknowns.copy(), inputs.copy()
-    unknowns[:, problem.first_pose :] = 0.0
+    kept = {name: problem.read(name) for name in ("unknowns", "inputs")}
+    unmoved = {name: values.copy() for name, values in kept.items()}
+    unmoved["unknowns"][:, problem.first_pose :] = 0.0
     for name in FIXED if problem.graph.fixed else ():
-        inputs[:, problem.input_slice(name)] = 0.0
-    for rows, values in zip(("unknowns", "inputs"), (unknowns, inputs), strict=True):
-        problem.write(rows, values)
+        unmoved["inputs"][:, problem.input_slice(name)] = 0.0
+    for name, values in unmoved.items():
+        problem.write(name, values)
     state = problem.state()
-    for rows, values in zip(("unknowns", "inputs"), kept, strict=True):
-        problem.write(rows, values)
+    for name, values in kept.items():
+        problem.write(name, values)
     return state
 
 
