@@ -1,7 +1,7 @@
 """What only some boundary problems can do: each capability is an object that a problem offers, or None.
 
-A solver asks ``problem.starts is not None`` and goes on without, or says in ``unsupported`` that it needs it. Segments, for
-multiple shooting, are in ``multirod.segments``; stability is in ``multirod.stability``.
+A solver asks ``problem.starts is not None`` and goes on without, or says in ``unsupported`` that it needs it. Others are in
+``multirod.segments``, for multiple shooting, ``multirod.stability`` and ``multirod.out_of_reach``.
 """
 
 from abc import ABC, abstractmethod

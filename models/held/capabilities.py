@@ -15,6 +15,7 @@ from multirod.models.held.along import at_rates, by_own_unknowns
 from multirod.models.held.costless import straight_at_rest
 from multirod.models.held.holders import HeldOptions
 from multirod.models.held.start import BUCKLED
+from multirod.out_of_reach import TAUT, Reach
 from multirod.problem import Shape
 from multirod.segments import taken
 from multirod.validation import FloatArray
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 
 STRAIGHT = 1e-6  # moments and forces across a rod, in EI/L and EI/L^2, by which nothing bends it
-TAUT = 1e-9  # of the length, by which rounding may have ends farther apart
 BEND, THRUST = 2 * np.pi, 8 * np.pi**2  # most of a start: in 1/L, as of a rod that turns once, and in EI/L^2
 CROWDING = 1.5  # most equilibria are far inside the bounds
 
@@ -110,7 +110,7 @@ class HeldLines(Lines):
         return columns
 
 
-class Reach:
+class HeldReach(Reach):
     """How far the ends of a ``HeldProblem`` may be apart."""
 
     def __init__(self, problem: "HeldProblem") -> None:
@@ -128,8 +128,12 @@ class Reach:
         return self.is_known and self.problem.holders.slide is None
 
     def exceeded(self) -> NDArray[np.bool_]:
-        """(17) ``HeldProblem.out_of_reach``."""
+        """(17) As said."""
         return np.asarray(self._apart() > (1 + TAUT) * self.problem.length_in_use()) if self.is_known else ~self.everyone
+
+    def said(self, instance: int) -> str:  # noqa: D102
+        length, apart = (values[instance] for values in (self.problem.length_in_use(), self._apart()))
+        return f" (the rod reaches {length:.4g} m of {apart:.4g} m)"
 
     def attained(self) -> NDArray[np.bool_]:
         """``HeldProblem.taut``: where it is shorter by no more than what a rod begins buckled from, too."""

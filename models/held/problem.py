@@ -20,7 +20,7 @@ from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.held.along import HeldSensing, Launches, aim_at_numbers, columns_along, unknown_rates
-from multirod.models.held.capabilities import HeldLines, HeldParts, HeldShapes, HeldStarts, Reach
+from multirod.models.held.capabilities import HeldLines, HeldParts, HeldReach, HeldShapes, HeldStarts
 from multirod.models.held.clamps import HeldClamps
 from multirod.models.held.costless import alike, free_in_balls, hold_bases_alone, led_on
 from multirod.models.held.holders import POSE_INPUTS, POSE_SIZE, ROD_INPUTS, TIP_LOADS, HeldOptions, Holders, load_scale
@@ -47,6 +47,7 @@ class HeldProblem(BoundaryProblem):
 
     guess_integrations: IntArray | int = INTEGRATIONS_AT_REST
     leads_on = False
+    reach: HeldReach
 
     def __init__(
         self,
@@ -94,7 +95,7 @@ class HeldProblem(BoundaryProblem):
         self.base_frame, self.end_position, self.end_frame = base[:, :3, :3], end[:, :3, 3], end[:, :3, :3]
         self.length = np.array(self.rod.each(self.rod.arrays.end[:, 0, -1]))
         self.stiffness = np.array(self.rod.each(self.rod.arrays.material[:, 0, 0, :2]).max(axis=1))
-        self.alike, self.reach = alike(self), Reach(self)
+        self.alike, self.reach = alike(self), HeldReach(self)
         self.table = make_table(self, pieces)
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))
@@ -373,9 +374,6 @@ class HeldProblem(BoundaryProblem):
     @property
     def may_be_taut(self) -> bool:  # noqa: D102
         return self.reach.ends
-
-    def out_of_reach(self) -> NDArray[np.bool_]:  # noqa: D102
-        return self.reach.exceeded()
 
     def taut(self) -> NDArray[np.bool_]:  # noqa: D102
         return self.reach.attained()

@@ -30,6 +30,7 @@ from multirod.models.network.derivatives.designs import Aim, Columns, columns_of
 from multirod.models.network.elements.element_kernels import form
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds, is_on_rods
 from multirod.models.network.graph import DRIVEN, PUSHED, Graph
+from multirod.models.network.joining.reach import NetworkReach
 from multirod.models.network.places import blocks_of, input_places, place_of_all
 from multirod.models.network.poses import frames_of, pushed_axes
 from multirod.models.network.stability.clamps import NetworkClamps
@@ -132,6 +133,7 @@ class NetworkProblem(BoundaryProblem):
         self.fixed = graph.fixed_poses(count, shape)
         self.networks = networks_of(self)
         self.closing, self.gives_way = Closing(self), bool(graph.ends[1].held.any())  # (12)
+        self.reach = NetworkReach(self)
         self._launches = self._record()
         self._aims: dict[tuple[str, ...], Aim] = {}
         self._followed: Aim | None = None  # whose directions depend on inputs or unknowns

@@ -30,6 +30,7 @@ from multirod.models.platform.derivatives.columns import input_columns
 from multirod.models.platform.geometry import Geometry
 from multirod.models.platform.inputs import PLATFORM_INPUTS, input_places
 from multirod.models.platform.legs import LegGroup
+from multirod.models.platform.reach import PlatformReach
 from multirod.models.platform.stability.clamps import PlatformClamps
 from multirod.models.platform.stability.conjugates import PlatformConjugates
 from multirod.models.platform.stability.stability import InverseTest, PlatformStability
@@ -124,7 +125,7 @@ class ParallelProblem(BoundaryProblem):
         self.reference = batched(self, position, (3,)), batched(self, rotation, (3, 3))
         scales, size = geometry.scales(), (len(geometry.legs) + 1,)
         self.length, self.stiffness = (batched(self, own.reshape(*geometry.batch_shape, *size), size) for own in scales)
-        self.closing, self._aim = Closing(self), Aim(self)
+        self.closing, self._aim, self.reach = Closing(self), Aim(self), PlatformReach(self)
         self.robots = robots_of(self)
         self._launches = self._record()
         self.write("inputs", self.pack(inputs))

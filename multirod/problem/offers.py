@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, Released, ResultTest, Shapes, Starts
+from multirod.out_of_reach import Reach
 from multirod.problem.buffers import Buffers
 from multirod.segments import Segments
 from multirod.stability import StabilityAnalysis
@@ -35,9 +36,11 @@ class Offers(Buffers):
         passed: By instance, what happened on the way to where ``guess`` begins, as it was last called.
         gives_way: Whether ends of rods give way until the load factor is 1, in proportion to what is missing: ``Gamma`` may
             change much in a step to the full load, however short, while that is more than what rods themselves give way by.
+        reach: Whether ends can be where they are to be, where that is known.
     """
 
     gives_way: bool = False
+    reach: Reach | None = None
     passed: "Mapping[int, BranchEvent]" = MappingProxyType({})
 
     # ---- what only some offer ----
@@ -107,7 +110,7 @@ class Offers(Buffers):
     def out_of_reach(self) -> NDArray[np.bool_]:
         """Whether an instance has no equilibrium because ends are farther apart than what is between them can be long, shape
         (instance_count,); False where that is not known."""
-        return np.zeros(self.instance_count, dtype=bool)
+        return np.zeros(self.instance_count, dtype=bool) if self.reach is None else self.reach.exceeded()
 
     @property
     def may_be_taut(self) -> bool:
@@ -142,7 +145,9 @@ class Offers(Buffers):
     def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
         """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
         of why, where that says more than ``status`` does."""
-        return np.where(self.out_of_reach() & failures(status), Status.OUT_OF_REACH, status).astype(np.int32)
+        failed = failures(status)
+        beyond = failed & self.out_of_reach() if failed.any() else failed
+        return np.where(beyond, Status.OUT_OF_REACH, status).astype(np.int32)
 
     @property
     def held_forces(self) -> NDArray[np.intp]:

@@ -349,18 +349,22 @@ class Solution(Asked, Wrenches[Robot_co]):
             if failed.size > 1:
                 where = f"{failed.sum()} of {failed.size} instances failed ({self._counts(failed)}); the first is {first}: "
             reached = self._outcome.reached
-            moves = self._loose(first) if status is Status.LOOSE else ""
+            named = self._named(status, first)
             beyond = self.assembly.beyond_limits(self, first) if status is Status.OUT_OF_LIMITS else ""
             part = "" if reached is None else f", {reached.reshape(-1)[first]:.1%} of the load reached"
             raise SolveError(
                 f"{where}{status.name} after {self._outcome.iterations.reshape(-1)[first]} iterations, "
-                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}{beyond}: {status.message}{moves}"
+                f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}{beyond}: {status.message}{named}"
             )
         return self
 
-    def _loose(self, instance: int) -> str:
-        """Which body of a loose network moves most, as the end of a message."""
+    def _named(self, status: Status, instance: int) -> str:
+        """Which part of the assembly it is, where there are several, as the end of a message."""
+        if status not in (Status.LOOSE, Status.OUT_OF_REACH):
+            return ""
         with self._problem() as problem:
+            if status is Status.OUT_OF_REACH:
+                return problem.reach.said(instance) if problem.reach is not None else ""
             name = problem.loose()[instance]
         return f" (body {name!r} moves most)" if name else ""
 

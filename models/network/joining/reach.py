@@ -1,0 +1,134 @@
+"""Whether rods can reach what they join: (41) of ``docs/networks.md``."""
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from multirod.models.network.places import LOADED
+from multirod.models.network.poses import frames_of
+from multirod.out_of_reach import TAUT, Reach
+from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.models.network.problem import NetworkProblem
+
+TOGETHER = 1024  # instances at once: distances of all points from all that are known take room
+
+
+class NetworkReach(Reach):
+    """Of a ``NetworkProblem`` at its inputs: the shortest ways between the points that hold rods.
+
+    Points are the ends of all rods, bases before tips. Rods that stretch, and ends that slide freely, bound nothing.
+    """
+
+    def __init__(self, problem: "NetworkProblem") -> None:
+        self.problem, graph = problem, problem.graph
+        bodies = len(graph.bodies)
+        self.stand = np.concatenate([end.stand for end in graph.ends])
+        known = np.concatenate([end.frame for end in graph.ends]) == 0
+        self.rod = np.tile(graph.slides.owner, 2)
+        held = np.concatenate([end.held for end in graph.ends])
+        self.known = np.flatnonzero(known)
+        by_rod = [np.flatnonzero(held & (self.rod == k)) for k in range(len(graph.whole))]
+        by_body = [np.flatnonzero(self.stand == 1 + k) for k in range(bodies)]
+        self._found: tuple[FloatArray, NDArray[np.bool_]] | None = None  # by what was read of the inputs
+        self.joined = [_of_one_size(groups) for groups in (by_rod, by_body)]
+
+    def exceeded(self) -> NDArray[np.bool_]:
+        """(41) As said."""
+        inputs = self.problem.read("inputs")[:, : self.problem.input_slice(LOADED[0]).start]
+        if self._found is None or not np.array_equal(self._found[0], inputs):
+            points, lengths = self._points(), self._lengths()
+            parts = np.array_split(np.arange(len(inputs)), -(-len(inputs) // TOGETHER))
+            found = [self._short(points[own], lengths[own])[0].any(axis=(1, 2)) for own in parts]
+            self._found = np.array(inputs), np.concatenate(found)
+        return self._found[1].copy()
+
+    def said(self, instance: int) -> str:  # noqa: D102
+        points, lengths = (values[instance : instance + 1] for values in (self._points(), self._lengths()))
+        short, ways, straight = (values[0] for values in self._short(points, lengths))
+        # of all that are too short the shortest: no other is a part of it
+        shortest = np.where(short, ways[:, self.known], np.inf)
+        start, end = np.unravel_index(shortest.argmin(), shortest.shape)
+        names = self._on_the_way(ways[start], points[0], lengths[0], int(self.known[end]))
+        bodies = ", with the bodies between," if len(names) > 1 else ""
+        listed = f"rod{'s' if len(names) > 1 else ''} {', '.join(map(repr, names))}"
+        reach = f"reach{'' if len(names) > 1 else 'es'} {shortest[start, end]:.4g} m"
+        return f" ({listed}{bodies} {reach} of {straight[start, end]:.4g} m)"
+
+    def _on_the_way(self, way: FloatArray, points: FloatArray, lengths: FloatArray, at: int) -> list[str]:
+        """Names of the rods on the shortest way, of which ``way`` (point,) are the lengths, back from the point ``at``."""
+        names: list[str] = []
+        by_rod = [self._before(way, lengths, k) for k in range(len(way))]
+        while not names or at not in self.known:
+            if names:
+                body = np.flatnonzero((self.stand == self.stand[at]) & (np.arange(len(way)) != at))
+                before = np.array([by_rod[k][0] for k in body.tolist()])
+                at = int(body[(before + np.linalg.norm(points[body] - points[at], axis=1)).argmin()])
+            names.append(self.problem.graph.whole_names[self.rod[at]])
+            at = by_rod[at][1]
+        return names[::-1]
+
+    def _before(self, way: FloatArray, lengths: FloatArray, at: int) -> tuple[float, int]:
+        """Length of the shortest way to a point that ends along its rod, and the point from which."""
+        along = np.flatnonzero((self.rod == self.rod[at]) & (self.stand >= 0) & (np.arange(len(way)) != at))
+        found = way[along] + np.maximum(lengths[along], lengths[at])
+        return (float(found.min()), int(along[found.argmin()])) if len(along) else (np.inf, at)
+
+    def _short(self, points: FloatArray, lengths: FloatArray) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
+        """Which points that are known are farther apart than the way between, (b, known, known); the shortest ways from these to
+        all points, (b, known, point); and how far apart they are, (b, known, known)."""
+        straight = np.linalg.norm(points[:, self.known, None] - points[:, None, self.known], axis=-1)
+        ways = np.full((len(points), len(self.known), points.shape[1]), np.inf)
+        ways[:, :, self.known] = straight
+        rods, bodies = self.joined
+        bridges = [(own, np.maximum(lengths[:, own, None], lengths[:, own[:, None]])) for own in rods]
+        bridges += [(own, np.linalg.norm(points[:, own, None] - points[:, own[:, None]], axis=-1)) for own in bodies]
+        for own, bridge in bridges:
+            bridge[..., np.arange(own.shape[1]), np.arange(own.shape[1])] = 0.0
+        while True:
+            before = ways.copy()
+            for own, bridge in bridges:
+                ways[:, :, own] = (ways[:, :, own][..., None, :] + bridge[:, None]).min(axis=-1)
+            if np.array_equal(before, ways, equal_nan=True):
+                return ways[:, :, self.known] < (1 - TAUT) * straight, ways, straight
+
+    def _points(self) -> FloatArray:
+        """Where they are [m]: in the world if that is known, else in the frames of their bodies, shape (instance, point, 3)."""
+        problem, graph = self.problem, self.problem.graph
+        found = [arm for arm, _ in problem.attachments]
+        if graph.driven_slides:  # (36)
+            driven = graph.driven_angles(problem.read("inputs")[:, problem.driven_place])
+            for k, (end, (arm, frame), angles) in enumerate(zip(graph.ends, problem.attachments, driven, strict=True)):
+                found[k] = arm + (frame @ np.einsum("jik,bjk->bji", end.table.slide, angles)[..., None])[..., 0]
+        points = np.concatenate(found, axis=1)
+        if graph.fixed:
+            frames, known = frames_of(problem), self.known
+            holder = self.stand[known]
+            points[:, known] = frames.position[:, holder] + (frames.rotation[:, holder] @ points[:, known, :, None])[..., 0]
+        return points
+
+    @cached_property
+    def _ends(self) -> list[FloatArray]:
+        """Arclengths at which what each rod is made of ends [m], shapes (instance, n), ``inf`` where that stretches."""
+        problem, graph = self.problem, self.problem.graph
+        pieces = graph.slides.pieces.tolist()
+        own = [np.inf if arrays.shear else arrays.repeated(problem.batch_shape).end[:, :, -1] for arrays in graph.arrays]
+        return [count * ends for count, ends in zip(pieces, own, strict=True)]
+
+    def _lengths(self) -> FloatArray:
+        """Of the rod that ends at each point what is in use [m], ``inf`` where that bounds nothing, shape (instance, point)."""
+        problem, graph = self.problem, self.problem.graph
+        given = problem.read("inputs")[:, problem.input_slice("translation")]
+        pushed = [given[:, slice(*graph.first_tube[[owner, owner + 1]])] for owner in graph.slides.owner.tolist()]
+        rods = np.stack([(own + more).max(axis=1) for own, more in zip(self._ends, pushed, strict=True)], axis=1)
+        slides = [end.table.slides.any(axis=1) & ~end.table.driven for end in graph.ends]
+        return np.concatenate([np.where(sliding, np.inf, rods) for sliding in slides], axis=1)
+
+
+def _of_one_size(groups: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """Those of two or more, put together by how many they are, each of shape (group, size)."""
+    sizes = sorted({len(own) for own in groups if len(own) > 1})
+    return [np.stack([own for own in groups if len(own) == size]) for size in sizes]
