@@ -1,6 +1,7 @@
 """Gauss-Newton steps in parameters that shapes share, and in loads of each. Numbers in parentheses: ``docs/estimation.md``."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -15,7 +16,7 @@ from multirod.running.simulation import solve
 from multirod.solver import Solver
 from multirod.stability import Stability
 from multirod.status import Status
-from multirod.tasks.estimating.inference import SETTLED, Posterior, posterior, roots, units
+from multirod.tasks.estimating.inference import CONSISTENT, SETTLED, Posterior, largest_square, posterior, roots, units
 from multirod.tasks.estimating.iteration import HALVINGS, RESTORED, SLACK, TOLERANCE
 from multirod.tasks.estimating.kinked import ENDLESS
 from multirod.tasks.estimating.loads import Loads
@@ -35,6 +36,7 @@ class Place:
 
     Attributes:
         square: (1), what is left of ``eps`` taken out to first order.
+        squares: Of that, those of the rows of each shape, shape (b,).
         gap: The largest ``eps`` over its tolerance: at most 1 at an equilibrium.
         planned: The next step.
         towards: ``a`` of (2), to the equilibrium of these numbers, shape (b, n).
@@ -44,6 +46,7 @@ class Place:
     x: FloatArray
     p: FloatArray
     square: float
+    squares: FloatArray
     gap: float
     planned: Posterior
     towards: FloatArray
@@ -91,12 +94,42 @@ class Fit:
         self.missing = measured.missing.reshape((*begin.batch_shape, -1))
         self.integrations, self.iterations = int(begin.integrations.max(initial=0)), 0
         self.status, self.square, self.degrees = Status.NOT_RUN, np.inf, 0
+        self.squares = np.zeros(len(self.x))
         self.covariance = np.full((len(self.p), len(self.p)), np.nan)
         self.prior = loads.prior(numbers.prior)[None]
         self.root = roots(self.prior)
 
     def run(self, most: int) -> None:
-        """Go on until a step tells nothing."""
+        """Go on until a step tells nothing; from elsewhere too if what is found is not likely."""
+        before = copy(self)
+        self._run(most)
+        likely = self.square <= largest_square(np.array(self.degrees), CONSISTENT)
+        if self.status is Status.CONVERGED and not likely and len(self.x) > 1 and not self.loads.names:
+            self._begin_again(before, most)
+
+    def _begin_again(self, others: "Fit", most: int) -> None:
+        """(26) By those ``others`` than the shape that fits worst, then by all from where the robot that fits these comes to
+        rest; what is less likely is left."""
+        others.measured = self.measured.without(int(self.squares.argmax()))
+        others._run(most)
+        self.integrations += others.integrations
+        if others.status is not Status.CONVERGED:
+            return
+        shapes = solve(others.robot, self.inputs, solver=self.solver, device=self.device, progress=False)
+        self.integrations += int(shapes.integrations.max(initial=0))
+        if shapes.failed.any():
+            return
+        every = copy(others)
+        every.measured, every.status, every.iterations, every.integrations = self.measured, Status.NOT_RUN, 0, 0
+        every.x, every.solution = shapes.unknowns.reshape(self.x.shape), shapes
+        every._run(most)
+        self.integrations += every.integrations
+        if every.status is Status.CONVERGED and every.square < self.square:
+            every.integrations = self.integrations
+            every.iterations += self.iterations + others.iterations
+            vars(self).update(vars(every))
+
+    def _run(self, most: int) -> None:
         x, p = self.x, self.p
         if self.loads.names:  # whose terms the start may have gone without
             x = self._problem(self.robot, p).adopt(x)
@@ -156,7 +189,8 @@ class Fit:
 
     def _ends(self, here: Place) -> bool:
         """Stand there; whether that is the end, an equilibrium whose next step tells nothing."""
-        self.x, self.p, self.square, self.covariance = here.x, here.p, here.square, here.planned.covariance[0]
+        self.x, self.p, self.square, self.squares = here.x, here.p, here.square, here.squares
+        self.covariance = here.planned.covariance[0]
         if here.gap > 1 or here.planned.length[0] > SETTLED:
             return False
         self._finish()
@@ -185,7 +219,8 @@ class Fit:
         r, J = self.measured.at(found, slice(None))
         if not np.isfinite(J).all():
             return None
-        square = float((r**2).sum() + ((self.root[0] @ away) ** 2).sum())
+        squares = (r**2).sum(axis=1)
+        square = float(squares.sum() + ((self.root[0] @ away) ** 2).sum())
         given = getattr(self.solver, "tolerance", None)
         tolerance = np.maximum(problem.tolerance(given), TOLERANCE * problem.curvature_scale() if given is None else 0.0)
         gap = float((np.abs(found.residual).max(axis=1) / tolerance).max())
@@ -193,7 +228,7 @@ class Fit:
         planned = posterior(stacked, whole, self.root, away[None], units(stacked, self.prior))
         towards, by = found.eliminated
         change = (by @ self.loads.each(planned.step[0])[..., None])[..., 0]
-        return Place(x, p, square, gap, planned, towards, towards + change)
+        return Place(x, p, square, squares, gap, planned, towards, towards + change)
 
     def _closer(self, here: Place, part: float) -> Place | None:
         """A part of the step, where squares are no more, or it is much nearer to an equilibrium."""

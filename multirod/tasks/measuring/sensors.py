@@ -81,6 +81,13 @@ class Measured:
         result.missing = self.missing[instances]
         return result
 
+    def without(self, instance: int) -> "Measured":
+        """Those of others, of this one no row."""
+        result = copy(self)
+        result.known = self.known.copy()
+        result.known[instance] = False
+        return result
+
     def task(self, problem: BoundaryProblem, free: Sequence[str]) -> AlongTask:
         """A task whose integrations tell what the rows need."""
         return AlongTask(problem, free, self.places)
