@@ -206,7 +206,7 @@ def calibrate(
 ) -> Calibration[Robot]:
     """Fit parameters of a robot to measured shapes, which share them, and loads of each shape (``docs/estimation.md``).
 
-    An iteration is one integration of each shape.
+    An iteration is one integration of each shape. A fit that is not consistent is made again, (26).
 
     Args:
         robot: The assembly, as it is known before: where the fit begins, and the mean of what is known.
@@ -221,7 +221,7 @@ def calibrate(
             from where ``inputs`` have them. None that the robot limits, as it does tensions; 2000 numbers in all.
         solver: That finds the equilibria of the robot as it is; its integrator and tolerance are used.
         guess: Where these begin.
-        max_iterations: Steps allowed.
+        max_iterations: Steps allowed, of each fit.
         device: Warp device.
 
     Raises:
