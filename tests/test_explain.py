@@ -406,6 +406,29 @@ def test_legs_that_turn_at_the_platform_promise_nothing():
     assert mr.explain(robot, inputs)["gravity"].error == inf
 
 
+def pushed_legs():
+    """Legs that no load acts on, pushed against each other."""
+    made = {"bending_stiffness": (0.02, 0.03), "torsional_stiffness": 0.015, "shear_stiffness": 30.0, "axial_stiffness": 60.0}
+    leg = mr.Rod(precurvature=lambda s: (s, 0, 0), length=0.3, **made)
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :2, 3] = 0.06 * np.array([(1, 0), (-0.5, 0.9), (-0.5, -0.9)])
+    robot = mr.ParallelRods(legs=[leg] * 3, base=poses, platform=poses)
+    return robot, robot.inputs(translation=(0.02, 0, 0.01), rotation=(0.5, 0, 0))
+
+
+def test_of_legs_that_nothing_loads_nothing_is_promised_by_which_they_hold_each_other():
+    robot, inputs = pushed_legs()
+    found = mr.explain(robot, inputs)
+    assert [found[name].error for name in ("shear", "torsion", "anisotropy", "precurvature_profile")] == [inf] * 4
+    assert simplified(robot, inputs, 1e-2) == (robot, inputs, ())
+
+
+def test_without_extension_the_platform_of_legs_that_nothing_loads_is_elsewhere():
+    robot, inputs = pushed_legs()
+    assert moved(robot, inputs, "shear") > 0.01 * 0.3
+    assert mr.solve(robot, inputs, simplify=1e-2).dropped == ()
+
+
 def test_an_inverse_problem_can_be_explained():
     rod = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, linear_density=0.05)
     base, platform = np.tile(np.eye(4), (2, 6, 1, 1))
