@@ -431,3 +431,38 @@ def test_a_sample_seen_in_two_pictures(make, wandering):
         np.testing.assert_allclose(sample.covariance(), other.covariance(), atol=1e-12)
     blind = by_pictures.step([None, (0.0, np.nan, 0.0)])
     assert "without sensor 0, sensor 1" in str(blind)
+
+
+def test_what_moves_twice_as_fast_leaves_four_times_the_error():
+    """Measured without noise: what is left is what a sample is told to first order by, which no covariance has."""
+
+    def tube(length, curved, curvature, outer, inner):
+        return mr.Rod.tube(
+            length=length,
+            outer_diameter=outer,
+            inner_diameter=inner,
+            young_modulus=60e9,
+            shear_modulus=23e9,
+            precurvature=[(length - curved, (0, 0, 0)), (curved, (0, curvature, 0))],
+        )
+
+    sizes = [(0.4, 0.1, 18, 1.2e-3, 0.9e-3), (0.3, 0.09, 10, 1.8e-3, 1.4e-3), (0.2, 0.08, 4, 2.6e-3, 2.0e-3)]
+    robot = mr.ConcentricTubes([tube(*size) for size in sizes])
+    force, held = np.array([0.05, 0.02, 0.1]), {"translation": (-0.16, -0.13, -0.10)}
+    errors = []
+    for turned in (0.04, 0.02):
+        angles = (-1.2, -0.4, 0.0) + turned * np.arange(20)[:, None] * (1, 0, 0)
+        truth = mr.solve(robot, robot.inputs(rotation=angles, tip_force=np.tile(force, (20, 1)), **held))
+        meter = mr.Estimator(
+            robot,
+            dt=1e-3,
+            inputs=robot.inputs(rotation=angles[0], **held),
+            unknown={"tip_force": mr.Walk(WALK)},
+            sensors=mr.Pose(position=(0, 0, 0.4), rotation=np.eye(3), sigma=(2e-4, 2e-3)),
+        )
+        for angle, position, rotation in zip(angles, truth.tip_position, truth.tip_rotation, strict=True):
+            sample = meter.step([(position, rotation)], rotation=angle)
+        error = sample.value("tip_force") - force
+        errors.append(np.sqrt(error @ np.linalg.solve(sample.covariance("tip_force"), error)))
+    assert errors[0] == pytest.approx(0.114, abs=0.005)  # as docs/estimation.md says
+    assert 3.5 < errors[0] / errors[1] < 4.5  # of second order, and what is left of higher ones
