@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.network.graph import FREE, GROUND
 from multirod.models.network.places import LOADED
 from multirod.models.network.poses import frames_of
 from multirod.out_of_reach import TAUT, Reach
@@ -20,18 +21,17 @@ TOGETHER = 1024  # instances at once: distances of all points from all that are 
 class NetworkReach(Reach):
     """Of a ``NetworkProblem`` at its inputs: the shortest ways between the points that hold rods.
 
-    Points are the ends of all rods, bases before tips. Rods that stretch, and ends that slide freely, bound nothing.
+    Points are the ends of all pieces, bases before tips, of which those at holes count for nothing: what does not reach a hole is
+    pulled out of it. Rods that stretch, and ends that slide freely, bound nothing.
     """
 
     def __init__(self, problem: "NetworkProblem") -> None:
         self.problem, graph = problem, problem.graph
-        bodies = len(graph.bodies)
-        self.stand = np.concatenate([end.stand for end in graph.ends])
-        known = np.concatenate([end.frame for end in graph.ends]) == 0
+        bodies, ends = len(graph.bodies), np.concatenate([graph.slides.first, graph.slides.upper < 0])
+        self.stand = np.where(ends, np.concatenate([end.stand for end in graph.ends]), FREE)
+        self.known = np.flatnonzero(ends & (np.concatenate([end.frame for end in graph.ends]) == GROUND))
         self.rod = np.tile(graph.slides.owner, 2)
-        held = np.concatenate([end.held for end in graph.ends])
-        self.known = np.flatnonzero(known)
-        by_rod = [np.flatnonzero(held & (self.rod == k)) for k in range(len(graph.whole))]
+        by_rod = [np.flatnonzero((self.stand != FREE) & (self.rod == k)) for k in range(len(graph.whole))]
         by_body = [np.flatnonzero(self.stand == 1 + k) for k in range(bodies)]
         self._found: tuple[FloatArray, NDArray[np.bool_]] | None = None  # by what was read of the inputs
         self.joined = [_of_one_size(groups) for groups in (by_rod, by_body)]
@@ -73,7 +73,7 @@ class NetworkReach(Reach):
 
     def _before(self, way: FloatArray, lengths: FloatArray, at: int) -> tuple[float, int]:
         """Length of the shortest way to a point that ends along its rod, and the point from which."""
-        along = np.flatnonzero((self.rod == self.rod[at]) & (self.stand >= 0) & (np.arange(len(way)) != at))
+        along = np.flatnonzero((self.rod == self.rod[at]) & (self.stand != FREE) & (np.arange(len(way)) != at))
         found = way[along] + np.maximum(lengths[along], lengths[at])
         return (float(found.min()), int(along[found.argmin()])) if len(along) else (np.inf, at)
 
