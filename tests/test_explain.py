@@ -423,6 +423,19 @@ def test_of_legs_that_nothing_loads_nothing_is_promised_by_which_they_hold_each_
     assert simplified(robot, inputs, 1e-2) == (robot, inputs, ())
 
 
+def test_what_is_estimated_is_not_said_to_be_a_bound():
+    robot, _ = pushed_legs()
+    pulled = mr.explain(robot, robot.inputs(tip_force=(1e-4, 0, 0)))
+    assert pulled["tip_force"].estimated
+    assert f"~ {pulled['tip_force'].error:.1e} L" in str(pulled)
+    (left,) = simplified(robot, robot.inputs(distributed_force=(1e-4, 0, 0)), 0.01)[2]
+    assert str(left) == f"distributed_force (tip error ~ {left.error:.1e} L)"
+    rod = mr.SingleRod(robot.legs[0])
+    alone = mr.explain(rod, rod.inputs(tip_force=(1e-4, 0, 0)))
+    assert not alone["tip_force"].estimated
+    assert f"< {alone['tip_force'].error:.1e} L" in str(alone)
+
+
 def test_without_extension_the_platform_of_legs_that_nothing_loads_is_elsewhere():
     robot, inputs = pushed_legs()
     assert moved(robot, inputs, "shear") > 0.01 * 0.3

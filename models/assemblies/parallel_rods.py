@@ -256,7 +256,7 @@ class ParallelRods(Assembly):
             alone = influences(replace(arrays, material=material), loads, whole, transmission=leg.transmission)
             farther = (1 + reach / float(length.min())) ** 3
             for name, value in alone.items():
-                known = replace(value, error=inf if name in CLOSURE else value.error * farther)
+                known = replace(value, error=inf if name in CLOSURE else value.error * farther, estimated=True)
                 found[name] = known if name not in found else found[name].joined(known)
         return found
 

@@ -94,7 +94,8 @@ def solve(
         threads: That share the parts of a batch on the CPU; one for each core by default.
         instances: Numbers, in the flattened batch, of the only ones to be solved, shape (k,): the result has that shape.
         simplify: Drop the terms that together move no tip by more than this times the length in use (``docs/explain.md``); the
-            solution is then of the robot and inputs without them, and ``solution.dropped`` names them.
+            solution is then of the robot and inputs without them, and ``solution.dropped`` names them. Of parallel robots that is
+            an estimate, which does not see legs that buckle.
         progress: Whether to show a bar, in a terminal or a notebook, where it takes more than two seconds; or a function
             that is called with the number of instances done.
 

@@ -29,11 +29,13 @@ class Influence:
         group: The dimensionless group that governs it (1), the largest of all instances.
         error: Bound of the tip's change over the length in use (13); ``inf`` where none is known.
         amplification: How many times more that is than without other loads and couplings.
+        estimated: Whether ``error`` is an estimate that may be too small, and no bound.
     """
 
     group: float
     error: float
     amplification: float
+    estimated: bool = False
 
     def joined(self, other: "Influence") -> "Influence":
         """The larger of both."""

@@ -62,6 +62,7 @@ class Term:
         error: What the tip may move by if it is dropped, over the length in use, in the worst of all instances; ``inf`` where
             nothing can be promised, and for what is not droppable.
         amplification: How many times more that is than of a rod that carries nothing else.
+        estimated: Whether ``error`` is an estimate that may be too small, and no bound, as of loads of parallel robots.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Term:
     group: float = float("nan")
     error: float = inf
     amplification: float = 1.0
+    estimated: bool = False
 
     @property
     def reason(self) -> str:
@@ -268,7 +270,8 @@ class Explanation:
             columns.append("us without it")
         rows = []
         for term in self.terms:
-            moves = "" if not term.droppable else "?" if not isfinite(term.error) else f"< {term.error:.1e} L"
+            known = f"{'~' if term.estimated else '<'} {term.error:.1e} L" if isfinite(term.error) else "?"
+            moves = known if term.droppable else ""
             saved = (", ".join(term.saves) or "nothing") if term.droppable else ""
             row = [term.name, term.because, moves if term.error else "0", term.reason, saved]
             if self.cost is not None:

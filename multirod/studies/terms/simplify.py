@@ -17,14 +17,16 @@ class Dropped:
         name: As in ``explain``.
         error: Bound of what this does to the tip's position, over the length in use, in the worst of all instances.
         why: What it rests on.
+        estimated: Whether ``error`` is an estimate that may be too small, and no bound.
     """
 
     name: str
     error: float
     why: str
+    estimated: bool = False
 
     def __str__(self) -> str:
-        return f"{self.name} (tip error < {self.error:.1e} L)"
+        return f"{self.name} (tip error {'~' if self.estimated else '<'} {self.error:.1e} L)"
 
 
 def simplified(
@@ -49,7 +51,7 @@ def simplified(
     if not names:
         return robot, inputs, ()
     terms = [found[name] for name in names]
-    return *left_out(robot, inputs, names), tuple(Dropped(term.name, term.error, term.reason) for term in terms)
+    return *left_out(robot, inputs, names), tuple(Dropped(t.name, t.error, t.reason, t.estimated) for t in terms)
 
 
 def _chosen(found: Explanation, limit: float) -> list[str]:
