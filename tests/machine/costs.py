@@ -2,8 +2,9 @@
 
 As a plugin of pytest it writes a line for each test: seconds of processor time, its own and that of programs that it starts, and
 the kernels that it asks for, with what they take to be made. As a program it reads these lines and writes the names of the tests
-left to `make test-all`: those that take long, or whose kernels few others share. Each file keeps one. Tests that were not
-measured stay where they are, so that `make quick-tests ARGS=--quick` leaves out some more.
+left to `make test-all`: those that take long, or whose kernels few others share. Each file keeps one, unless that takes as long
+as ten of others with their kernels. Tests that were not measured stay where they are, so that `make quick-tests ARGS=--quick`
+leaves out some more.
 """
 
 import argparse
@@ -31,6 +32,7 @@ KEPT = {
     "tests/test_layout.py::test_no_solvers_inside_is_used_by_the_contract",
     "tests/test_multiple_shooting.py::test_poses_left_out_on_the_way_are_not_put_in_place_of_those_of_segments",
 }
+ALONE = 30  # s with its kernels, from which on a file is left without a test
 TOGETHER = 4  # how many tests at most are left out at once, for a kernel that they share
 
 _asked: set[str] = set()
@@ -118,7 +120,9 @@ def choose(
 
         groups = {frozenset([name]) for name in chosen} | {frozenset(u) for u in users.values() if len(u) <= TOGETHER}
         groups = {
-            left for left in groups if not left & KEPT and all(n < of_file[f] for f, n in Counter(map(_file, left)).items())
+            left
+            for left in groups
+            if not left & KEPT and (saved(left) > ALONE or all(n < of_file[f] for f, n in Counter(map(_file, left)).items()))
         }
         if not groups:
             return chosen, set(users)
@@ -133,7 +137,7 @@ def main() -> None:
     """Write the names of the tests that are left out."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="with the lines of a run of all tests")
-    parser.add_argument("--minutes", type=float, default=11.0, help="of processor time, from an empty cache of kernels")
+    parser.add_argument("--minutes", type=float, default=9.5, help="of processor time, from an empty cache of kernels")
     options = parser.parse_args()
     times, kernels, made = read(options.folder)
     chosen, have = choose(times, kernels, made, 60 * options.minutes)
