@@ -261,6 +261,10 @@ class JointTable:
         """Which coordinates are told by how far the end slides, shape (joint, 3)."""
         return np.asarray(self.slide.any(axis=1))
 
+    def moved(self, angles: FloatArray) -> FloatArray:
+        """(36) How far ends have slid in the frames of their poses [m], at coordinates (instance, joint, 3)."""
+        return np.asarray(np.einsum("jik,bjk->bji", self.slide, angles))
+
     def at(self, angles: FloatArray) -> Turns:
         """(2), (3), (36) At coordinates (instance, joint, 3)."""
         if not self.count.any():
@@ -270,7 +274,7 @@ class JointTable:
                 self._still = Turns(still, none, none, none, none, self.slide, none[..., 0])
             return self._still
 
-        moved = np.einsum("jik,bjk->bji", self.slide, angles)
+        moved = self.moved(angles)
         axes = np.stack([self.inner, self.outer])
         rotations, by_vectors = with_changes(np.einsum("ejik,bjk->ebji", axes, angles))
         (first, second), (by_first, by_second) = rotations, by_vectors @ axes[:, None]

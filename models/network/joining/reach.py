@@ -27,14 +27,15 @@ class NetworkReach(Reach):
 
     def __init__(self, problem: "NetworkProblem") -> None:
         self.problem, graph = problem, problem.graph
-        bodies, ends = len(graph.bodies), np.concatenate([graph.slides.first, graph.slides.upper < 0])
+        ends = np.concatenate([graph.slides.first, graph.slides.upper < 0])
         self.stand = np.where(ends, np.concatenate([end.stand for end in graph.ends]), FREE)
         self.known = np.flatnonzero(ends & (np.concatenate([end.frame for end in graph.ends]) == GROUND))
-        self.rod = np.tile(graph.slides.owner, 2)
-        by_rod = [np.flatnonzero((self.stand != FREE) & (self.rod == k)) for k in range(len(graph.whole))]
-        by_body = [np.flatnonzero(self.stand == 1 + k) for k in range(bodies)]
+        pieces = [graph.slides.of(rod) for rod in range(len(graph.whole))]
+        pairs = np.array([(own[0], own[-1] + len(graph.rods)) for own in pieces])
+        self.rods = np.flatnonzero((self.stand[pairs] != FREE).all(axis=1))  # that are held at both ends
+        self.pairs = pairs[self.rods]  # and these, shape (k, 2)
+        self.bodies = _of_one_size([np.flatnonzero(self.stand == 1 + k) for k in range(len(graph.bodies))])
         self._found: tuple[FloatArray, NDArray[np.bool_]] | None = None  # by what was read of the inputs
-        self.joined = [_of_one_size(groups) for groups in (by_rod, by_body)]
 
     def exceeded(self) -> NDArray[np.bool_]:
         """(41) As said."""
@@ -60,22 +61,17 @@ class NetworkReach(Reach):
 
     def _on_the_way(self, way: FloatArray, points: FloatArray, lengths: FloatArray, at: int) -> list[str]:
         """Names of the rods on the shortest way, of which ``way`` (point,) are the lengths, back from the point ``at``."""
+        by_rod = np.full(len(way), np.inf)  # of ways that end along a rod
+        by_rod[self.pairs] = way[self.pairs[:, ::-1]] + lengths[:, None]
         names: list[str] = []
-        by_rod = [self._before(way, lengths, k) for k in range(len(way))]
         while not names or at not in self.known:
             if names:
                 body = np.flatnonzero((self.stand == self.stand[at]) & (np.arange(len(way)) != at))
-                before = np.array([by_rod[k][0] for k in body.tolist()])
-                at = int(body[(before + np.linalg.norm(points[body] - points[at], axis=1)).argmin()])
-            names.append(self.problem.graph.whole_names[self.rod[at]])
-            at = by_rod[at][1]
+                at = int(body[(by_rod[body] + np.linalg.norm(points[body] - points[at], axis=1)).argmin()])
+            rod, end = np.argwhere(self.pairs == at)[0]
+            names.append(self.problem.graph.whole_names[self.rods[rod]])
+            at = int(self.pairs[rod, 1 - end])
         return names[::-1]
-
-    def _before(self, way: FloatArray, lengths: FloatArray, at: int) -> tuple[float, int]:
-        """Length of the shortest way to a point that ends along its rod, and the point from which."""
-        along = np.flatnonzero((self.rod == self.rod[at]) & (self.stand != FREE) & (np.arange(len(way)) != at))
-        found = way[along] + np.maximum(lengths[along], lengths[at])
-        return (float(found.min()), int(along[found.argmin()])) if len(along) else (np.inf, at)
 
     def _short(self, points: FloatArray, lengths: FloatArray) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
         """Which points that are known are farther apart than the way between, (b, known, known); the shortest ways from these to
@@ -83,15 +79,13 @@ class NetworkReach(Reach):
         straight = np.linalg.norm(points[:, self.known, None] - points[:, None, self.known], axis=-1)
         ways = np.full((len(points), len(self.known), points.shape[1]), np.inf)
         ways[:, :, self.known] = straight
-        rods, bodies = self.joined
-        bridges = [(own, np.maximum(lengths[:, own, None], lengths[:, own[:, None]])) for own in rods]
-        bridges += [(own, np.linalg.norm(points[:, own, None] - points[:, own[:, None]], axis=-1)) for own in bodies]
-        for own, bridge in bridges:
-            bridge[..., np.arange(own.shape[1]), np.arange(own.shape[1])] = 0.0
+        across = [np.linalg.norm(points[:, own, None] - points[:, own[:, None]], axis=-1)[:, None] for own in self.bodies]
         while True:
             before = ways.copy()
-            for own, bridge in bridges:
-                ways[:, :, own] = (ways[:, :, own][..., None, :] + bridge[:, None]).min(axis=-1)
+            along = ways[:, :, self.pairs[:, ::-1]] + lengths[:, None, :, None]
+            ways[:, :, self.pairs] = np.minimum(ways[:, :, self.pairs], along)
+            for own, bridge in zip(self.bodies, across, strict=True):
+                ways[:, :, own] = (ways[:, :, own][..., None, :] + bridge).min(axis=-1)
             if np.array_equal(before, ways, equal_nan=True):
                 return ways[:, :, self.known] < (1 - TAUT) * straight, ways, straight
 
@@ -102,7 +96,7 @@ class NetworkReach(Reach):
         if graph.driven_slides:  # (36)
             driven = graph.driven_angles(problem.read("inputs")[:, problem.driven_place])
             for k, (end, (arm, frame), angles) in enumerate(zip(graph.ends, problem.attachments, driven, strict=True)):
-                found[k] = arm + (frame @ np.einsum("jik,bjk->bji", end.table.slide, angles)[..., None])[..., 0]
+                found[k] = arm + (frame @ end.table.moved(angles)[..., None])[..., 0]
         points = np.concatenate(found, axis=1)
         if graph.fixed:
             frames, known = frames_of(problem), self.known
@@ -112,20 +106,22 @@ class NetworkReach(Reach):
 
     @cached_property
     def _ends(self) -> list[FloatArray]:
-        """Arclengths at which what each rod is made of ends [m], shapes (instance, n), ``inf`` where that stretches."""
-        problem, graph = self.problem, self.problem.graph
-        pieces = graph.slides.pieces.tolist()
-        own = [np.inf if arrays.shear else arrays.repeated(problem.batch_shape).end[:, :, -1] for arrays in graph.arrays]
-        return [count * ends for count, ends in zip(pieces, own, strict=True)]
+        """Arclengths at which what each of these rods is made of ends [m], shapes (instance, n)."""
+        slides, found = self.problem.graph.slides, []
+        for first in self.pairs[:, 0].tolist():
+            arrays = self.problem.graph.arrays[first].repeated(self.problem.batch_shape)
+            found.append(slides.pieces[first] * arrays.end[:, :, -1])
+        return found
 
     def _lengths(self) -> FloatArray:
-        """Of the rod that ends at each point what is in use [m], ``inf`` where that bounds nothing, shape (instance, point)."""
+        """What is in use of each rod that is held at both ends [m], ``inf`` where that bounds nothing, shape (instance, k)."""
         problem, graph = self.problem, self.problem.graph
         given = problem.read("inputs")[:, problem.input_slice("translation")]
-        pushed = [given[:, slice(*graph.first_tube[[owner, owner + 1]])] for owner in graph.slides.owner.tolist()]
-        rods = np.stack([(own + more).max(axis=1) for own, more in zip(self._ends, pushed, strict=True)], axis=1)
-        slides = [end.table.slides.any(axis=1) & ~end.table.driven for end in graph.ends]
-        return np.concatenate([np.where(sliding, np.inf, rods) for sliding in slides], axis=1)
+        pushed = [given[:, slice(*graph.first_tube[[rod, rod + 1]])] for rod in self.rods.tolist()]
+        lengths = [(own + more).max(axis=1) for own, more in zip(self._ends, pushed, strict=True)]
+        slides = np.concatenate([end.table.slides.any(axis=1) & ~end.table.driven for end in graph.ends])[self.pairs].any(axis=1)
+        stretches = np.array([graph.arrays[first].shear for first in self.pairs[:, 0].tolist()], dtype=bool)
+        return np.where(slides | stretches, np.inf, np.reshape(lengths, (len(self.rods), len(given))).T)
 
 
 def _of_one_size(groups: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:

@@ -19,7 +19,7 @@ from multirod.solver import Solver
 from multirod.status import Status
 from multirod.tasks.estimating.estimate import SEEN, estimate, inconsistent
 from multirod.tasks.estimating.fit import Fit
-from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square
+from multirod.tasks.estimating.inference import consistent, kept
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
 from multirod.tasks.estimating.priors import Prior
@@ -105,7 +105,7 @@ class Calibration(Undecided, Generic[Robot_co]):
     @property
     def consistent(self) -> bool:
         """(18) Whether ``misfit`` is no more than 99.9 % of sound measurements leave where the model is right."""
-        return bool(self.misfit <= largest_square(np.asarray(self.degrees), CONSISTENT))
+        return bool(consistent(self.misfit, self.degrees))
 
     def value(self, name: Key) -> FloatArray:
         """The numbers of a parameter, shape (k,): of stiffnesses over what they were; of an input that was found, of each shape,

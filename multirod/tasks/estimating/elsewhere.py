@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.status import Status, failures
-from multirod.tasks.estimating.inference import CONSISTENT, largest_square
+from multirod.tasks.estimating.inference import consistent
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Elsewhere:
         """Which have no result, or one that is not likely, (18), shape (b,)."""
         part = self._part
         status = part.outcome.status
-        unlikely = (status == Status.CONVERGED) & ~(part.square <= largest_square(part.degrees, CONSISTENT))
+        unlikely = (status == Status.CONVERGED) & ~consistent(part.square, part.degrees)
         return np.asarray(unlikely | (failures(status) & (status != Status.UNOBSERVABLE)))
 
     def _seek(self, rows: NDArray[np.intp], p: FloatArray, apart: float = 0.0) -> None:

@@ -21,7 +21,7 @@ from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
 from multirod.status import failures
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.inference import CONSISTENT, kept, largest_square, principal
+from multirod.tasks.estimating.inference import consistent, kept, principal
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.estimating.unknown import Unknown, unknown_of
@@ -161,7 +161,7 @@ class Estimate(Undecided, Generic[Robot_co]):
     @cached_property
     def consistent(self) -> NDArray[np.bool_]:
         """(18) Whether ``misfit`` is no more than 99.9 % of sound measurements leave where the model is right, shape (...)."""
-        return np.asarray(frozen(self.misfit <= largest_square(self.degrees, CONSISTENT)))
+        return np.asarray(frozen(consistent(self.misfit, self.degrees)))
 
     @cached_property
     def at_limit(self) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from multirod.running.simulation import solve
 from multirod.solver import Solver
 from multirod.stability import Stability
 from multirod.status import Status
-from multirod.tasks.estimating.inference import CONSISTENT, SETTLED, Posterior, largest_square, posterior, roots, units
+from multirod.tasks.estimating.inference import SETTLED, Posterior, consistent, posterior, roots, units
 from multirod.tasks.estimating.iteration import HALVINGS, RESTORED, SLACK, TOLERANCE
 from multirod.tasks.estimating.kinked import ENDLESS
 from multirod.tasks.estimating.loads import Loads
@@ -101,16 +101,22 @@ class Fit:
 
     def run(self, most: int) -> None:
         """Go on until a step tells nothing; from elsewhere too if what is found is not likely."""
-        before = copy(self)
+        x, p, begin = self.x, self.p, self.solution
         self._run(most)
-        likely = self.square <= largest_square(np.array(self.degrees), CONSISTENT)
-        if self.status is Status.CONVERGED and not likely and len(self.x) > 1 and not self.loads.names:
-            self._begin_again(before, most)
+        doubtful = self.status is Status.CONVERGED and not consistent(self.square, self.degrees)
+        if doubtful and len(self.x) > 1 and not self.loads.names:
+            self._begin_again(self._anew(self.measured.without(int(self.squares.argmax())), x, p, begin), most)
+
+    def _anew(self, measured: Measured, x: FloatArray, p: FloatArray, solution: Solution[Any]) -> "Fit":
+        """A fit of the same robot to ``measured``, from ``x`` and ``p``."""
+        result = copy(self)
+        result.measured, result.x, result.p, result.solution = measured, x, p, solution
+        result.status, result.iterations, result.integrations = Status.NOT_RUN, 0, 0
+        return result
 
     def _begin_again(self, others: "Fit", most: int) -> None:
-        """(26) By those ``others`` than the shape that fits worst, then by all from where the robot that fits these comes to
-        rest; what is less likely is left."""
-        others.measured = self.measured.without(int(self.squares.argmax()))
+        """(26) By ``others`` than the shape that fits worst, then by all from where the robot that fits these comes to rest; what
+        is less likely is left."""
         others._run(most)
         self.integrations += others.integrations
         if others.status is not Status.CONVERGED:
@@ -119,9 +125,7 @@ class Fit:
         self.integrations += int(shapes.integrations.max(initial=0))
         if shapes.failed.any():
             return
-        every = copy(others)
-        every.measured, every.status, every.iterations, every.integrations = self.measured, Status.NOT_RUN, 0, 0
-        every.x, every.solution = shapes.unknowns.reshape(self.x.shape), shapes
+        every = self._anew(self.measured, shapes.unknowns.reshape(self.x.shape), others.p, shapes)
         every._run(most)
         self.integrations += every.integrations
         if every.status is Status.CONVERGED and every.square < self.square:

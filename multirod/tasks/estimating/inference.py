@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.validation import FloatArray
@@ -119,6 +120,11 @@ def largest_square(degrees: IntArray, part: float) -> FloatArray:
 
     with np.errstate(invalid="ignore"):
         return np.where(degrees > 0, 2 * gammaincinv(0.5 * np.maximum(degrees, 1), part), np.inf)
+
+
+def consistent(square: FloatArray | float, degrees: IntArray | int) -> NDArray[np.bool_]:
+    """(18) Whether no more is left than sound measurements leave."""
+    return np.asarray(square <= largest_square(np.asarray(degrees), CONSISTENT))
 
 
 def kept(covariance: FloatArray, prior: FloatArray) -> FloatArray:
