@@ -115,6 +115,25 @@ def test_a_batch_of_none_has_results_of_none(axes, kind):
     assert repr(found)
 
 
+def test_a_batch_of_none_has_lines_of_none():
+    """An axis whose length is to be found cannot be where there is nothing."""
+    lines = [mr.Tendon((0.006, 0)), mr.Tendon((0, 0.006), name="other")]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    for axes in ((0,), (2, 0)):
+        found = mr.solve(robot, robot.inputs(tension=np.ones((*axes, 2))), solver=FEW).line("other", nodes=5)
+        assert found.position.shape == (*axes, 5, 3)
+        assert found.tension.shape == (*axes, 5)
+
+
+def test_what_a_batch_of_none_needs_is_explained():
+    pose = np.tile(np.eye(4), (2, 1, 1))
+    pose[:, 0, 3] = -0.05, 0.05
+    leg = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077)
+    robot = mr.ParallelRods(legs=[leg] * 2, base=pose, platform=pose)
+    terms = mr.explain(robot, robot.inputs(tip_force=np.zeros((0, 3)), rotation=(0.1, 0))).terms
+    assert "pose" in [term.name for term in terms]
+
+
 @pytest.mark.parametrize("solver", [mr.Observer(), mr.EnergyDescent(), mr.ScipyShooting(), mr.MultipleShooting()], ids=repr)
 def test_every_solver_takes_a_batch_of_none(solver, wire):
     robot = mr.SingleRod(wire)

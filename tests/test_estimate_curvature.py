@@ -167,6 +167,20 @@ def test_where_the_start_fails_the_estimate_says_so():
     assert np.isnan(found.value("tip_force")).all()
 
 
+def test_why_there_is_no_estimate_does_not_depend_on_others():
+    """With a guess nothing is solved before: that an end is out of reach was told only where another instance had an estimate."""
+    held = mr.HeldRod(mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638))
+    place = np.array([(0, 0, -0.1), (0, 0, 0.1)])
+    options = {"unknown": PRIOR, "measured": mr.Curvature(at=0.2, value=(1, 0), sigma=BENT)}
+    options["guess"] = mr.solve(held, held.inputs(end_position=place[0]))
+    both = mr.estimate(held, held.inputs(end_position=place), **options)
+    assert both.status[1] is mr.Status.OUT_OF_REACH
+    for k in (0, 1):
+        alone = mr.estimate(held, held.inputs(end_position=place[k]), **options)
+        assert alone.status is both.status[k]
+        np.testing.assert_array_equal(alone.value("tip_force"), both.value("tip_force")[k])
+
+
 def test_steps_from_what_is_no_equilibrium_do_not_stall():
     """A chain of two rods sways: on the way the squares are less than at any equilibrium that is near."""
     half = mr.Rod.wire(length=0.2, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)

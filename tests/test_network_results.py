@@ -47,6 +47,10 @@ def test_angles_in_datasets_belong_to_coordinates(tmp_path):
     assert data["coordinate"].values.tolist() == ["arm base 0", "arm base 1"]
     np.testing.assert_array_equal(data["input_angle"].sel(coordinate="arm base 1"), 0.2)
     solution.save(tmp_path / "found.nc")
+    none = mr.solve(robot, robot.inputs(angle={"arm base": np.zeros((0, 2))}, force={"arm": (0.1, 0, 0)})).to_xarray()
+    assert none.sizes["instance"] == 0
+    assert none.sizes["load_place"] == 1
+    assert none["joint_angle"].shape == (0, 2)
 
 
 @pytest.mark.usefixtures("no_display")

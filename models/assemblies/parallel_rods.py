@@ -242,8 +242,8 @@ class ParallelRods(Assembly):
             values |= {name: getattr(inputs, name) for name in kernels.LEG_VECTORS if name not in values}
             values |= {name: getattr(inputs, name) / legs for name in kernels.PLATFORM_VECTORS[:4]}
             values |= {name: getattr(inputs, name)[..., own] for name in ("rotation", "translation")}
-            reach = np.linalg.norm(geometry.platform[..., k, :3, 3], axis=-1).max()
-            arm = float(np.linalg.norm(inputs.force_point, axis=-1).max()) + reach
+            reach = np.linalg.norm(geometry.platform[..., k, :3, 3], axis=-1).max(initial=0.0)
+            arm = float(np.linalg.norm(inputs.force_point, axis=-1).max(initial=0.0)) + reach
             force = (np.linalg.norm(values[name], axis=-1) for name in ("tip_force", "follower_force"))
             values["follower_moment"] = values["follower_moment"] + arm * sum(force)[..., None] * [1, 0, 0]
             arrays = leg.arrays

@@ -134,7 +134,7 @@ def _inputs(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
             own = ("coordinate" if spec.name == "angle" else spec.name,)
         elif isinstance(solution.assembly, Network) and solution.assembly.vectors_on(spec):
             own = ("load_place" if spec.acts == "tip" else "whole_rod", "component")
-            every = every.reshape(*solution.batch_shape, -1, 3)
+            every = every.reshape(*solution.batch_shape, every.shape[-1] // 3, 3)
         found[f"input_{name}"] = ((*axes, *own), every, {"units": spec.unit, "long_name": spec.description})
     return found
 
@@ -163,7 +163,7 @@ def _joints(solution: Solution, axes: tuple[str, ...]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, axis, unit, meaning in OF_JOINTS:
         joints = _numbers_of_joints(solution.assembly, axis)
-        values = [getattr(solution, name)(joint).reshape(*solution.batch_shape, -1) for joint in joints]
+        values = [getattr(solution, name)(joint).reshape(*solution.batch_shape, count) for joint, count in joints.items()]
         if values:
             found[name] = ((*axes, axis), np.concatenate(values, axis=-1), {"units": unit, "long_name": meaning})
     return found

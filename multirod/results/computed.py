@@ -246,7 +246,7 @@ class Computed(Found[Robot_co]):
         rod, own = lines[index]
         shape = self.rod(rod, nodes=nodes)
         s = shape.arclength - np.broadcast_to(self.inputs.translation[..., rod, None], (*self.batch_shape, 1))
-        flat = own.offset_at(s.reshape(prod(self.batch_shape), -1), self._axes, self._instances)
+        flat = own.offset_at(s.reshape(prod(self.batch_shape), s.shape[-1]), self._axes, self._instances)
         offset = flat.reshape(*s.shape, 2)
         position = shape.position + (shape.rotation[..., :2] @ offset[..., None])[..., 0]
         tension = np.where(np.isnan(offset[..., 0]), np.nan, self.tension[..., index, None])

@@ -256,7 +256,7 @@ class Explanation:
         if name in self.inputs.profiles:
             return f"inputs.{name}, a function of arclength"
         spec = next(spec for spec in self.robot.input_specs if spec.name == name)
-        largest = np.linalg.norm(getattr(self.inputs, name), axis=-1).max()
+        largest = np.linalg.norm(getattr(self.inputs, name), axis=-1).max(initial=0.0)
         return f"inputs.{name}, up to {largest:.3g} {spec.unit}"
 
     def as_table(self) -> tuple[str, list[str], list[list[str]], str]:

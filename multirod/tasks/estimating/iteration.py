@@ -162,11 +162,8 @@ class Part:
     def judge(self, chosen: NDArray[np.bool_]) -> None:
         """Refuse what the robot would leave of those ``chosen`` (b,), or the problem's own test does: it was at rest when it was
         measured."""
-        found = chosen & (self.outcome.status == Status.CONVERGED)
-        if not found.any():
-            return
-        problem = self.task.problem
-        doubtful = found & ~(problem.mode_bounds()[:, 0] < 1)
+        problem, found = self.task.problem, chosen & (self.outcome.status == Status.CONVERGED)
+        doubtful = found & ~(problem.mode_bounds()[:, 0] < 1) if found.any() else found
         if doubtful.any():
             rows = np.flatnonzero(doubtful)
             self.outcome.status[rows[modes_of(problem, rows).left]] = Status.UNSTABLE
