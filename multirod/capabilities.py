@@ -102,10 +102,8 @@ class Starts(ABC):
 
     @abstractmethod
     def guesses(self, count: int, first: int = 0) -> FloatArray:
-        """Those from number ``first`` on of an endless sequence that lies the closer the longer it is [1/m].
-
-        Shape (count, instance_count, n).
-        """
+        """Those from number ``first`` on of an endless sequence that lies the closer the longer it is [1/m], shape (count,
+        instance_count, n)."""
 
 
 class Parts(ABC):
@@ -179,16 +177,18 @@ class Loading(IntEnum):
 
 @dataclass(frozen=True)
 class Together:
-    """An assembly without loads, as Newton's method puts it together from rods at rest.
+    """An assembly without loads, put together from rods at rest.
 
     Attributes:
         unknowns: [1/m], shape (instance_count, n).
         sound: Where it did so on one branch; the others are to be put together step by step, shape (instance_count,).
+        near: Whether loads may rise as what is left of the residual closes; else that is to close first, shape (instance_count,).
         integrations: That it took, shape (instance_count,).
     """
 
     unknowns: FloatArray
     sound: NDArray[np.bool_]
+    near: NDArray[np.bool_]
     integrations: NDArray[np.integer[Any]]
 
 
@@ -211,8 +211,7 @@ class Joints(ABC):
         1."""
 
     def together(self) -> Together | None:
-        """The assembly put together at once, an equilibrium at a ``load_factor`` of 0 where it is sound; None where ``guess`` is
-        just that."""
+        """The assembly put together at once, which a ``load_factor`` of 0 leaves where it is; None where that is ``guess``."""
         return None
 
     @abstractmethod
@@ -220,8 +219,8 @@ class Joints(ABC):
         """How loads act from now on while ``load_factor`` goes to 1."""
 
     @abstractmethod
-    def shut(self) -> None:
-        """Forget what the residual was: the assembly is together whatever ``load_factor`` is."""
+    def shut(self, some: NDArray[np.bool_] | None = None) -> None:
+        """Forget what the residual was, of ``some`` instances or all: they are together whatever ``load_factor`` is."""
 
     @abstractmethod
     def unloaded_inputs(self) -> FloatArray | None:

@@ -34,7 +34,7 @@ def legs(count=6):
 def hexapod(kind="clamped", heavy=True):
     plate = mr.Body("plate", mass=0.1, mass_centre=(0.01, 0.02, 0.03)) if heavy else mr.Body("plate")
     on_ground, on_plate = circle(BASE_ANGLES, 0.087), circle(PLATE_ANGLES, 0.087)
-    axis = X if kind == "revolute" else None
+    axis = {"revolute": X, "universal": np.eye(3)[:2]}.get(kind)
     joints = [mr.Joint(f"leg {k}", "base", to=mr.ground, pose=on_ground[k]) for k in range(6)]
     joints += [mr.Joint(f"leg {k}", "tip", to=plate, pose=on_plate[k], kind=kind, axis=axis) for k in range(6)]
     return mr.Network(rods=legs(), bodies=[plate], joints=joints)

@@ -46,9 +46,9 @@ def test_rods_on_bodies_are_integrated_apart_from_those_on_the_ground_or_with_th
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
 
 
-@pytest.mark.parametrize("kind", ["clamped", "spherical"])
-def test_legs_that_differ_a_little_are_put_together_by_more_steps(kind, monkeypatch):
-    """(30) Where the first steps are no shorter than what ends that give way took: as fast, and to the same place."""
+@pytest.mark.parametrize("kind", ["clamped", "spherical", "universal"])
+def test_legs_that_differ_a_little_are_put_together_at_once(kind, monkeypatch):
+    """As beams, or (30), where the first steps are no shorter than what ends that give way took: to where the long way leads."""
     robot = hexapod(kind)
     inputs = robot.inputs(
         translation=np.array([0.002, 0.001, -0.002, 0.0015, 0, -0.001]), force={"plate": FORCE}, gravity=GRAVITY
@@ -56,7 +56,9 @@ def test_legs_that_differ_a_little_are_put_together_by_more_steps(kind, monkeypa
     problem = robot.problem(inputs, integrator=RK4)
     together = problem.joints.together()
     assert together.sound.all()
-    assert together.integrations[0] > 2  # of which one is of the rods at rest
+    if kind == "universal":
+        assert problem.closing.apart().beams is None
+        assert together.integrations[0] > 2  # of which one is of the rods at rest
     with problem.at_load(0.0):
         assert np.abs(problem.evaluate(together.unknowns)[0]).max() < 1e-12  # what is left of the residual closes as loads rise
     found = mr.solve(robot, inputs, solver=EXACT)
@@ -69,8 +71,8 @@ def test_legs_that_differ_a_little_are_put_together_by_more_steps(kind, monkeypa
 
 
 def test_what_has_to_bend_is_put_together_step_by_step():
-    """Legs of different lengths: Newton's second step is longer than the first; what was tried is forgotten."""
-    robot = hexapod()
+    """(30) Legs of different lengths: Newton's second step is longer than the first; what was tried is forgotten."""
+    robot = hexapod("universal")
     inputs = robot.inputs(translation=np.array([[0.04, 0, 0, -0.04, 0, 0.02], [0.01] * 6]), gravity=GRAVITY)
     problem = robot.problem(inputs, integrator=RK4)
     together = problem.joints.together()
@@ -197,6 +199,49 @@ def test_bodies_on_beams_are_put_together_at_once(count, monkeypatch):
     assert found.status == expected.status == mr.Status.CONVERGED
     assert 2 * found.integrations < expected.integrations
     np.testing.assert_allclose(found.tip_position, expected.tip_position, atol=1e-9)  # of residuals of 1e-11
+
+
+def curved_legs(seed):
+    """Three legs that are bent by a radian at rest and differ in length, and a force on their platform of some EI/L^2."""
+    rng, rods = np.random.default_rng(seed), []
+    for _ in range(3):
+        length, precurvature = 0.2 * rng.uniform(0.95, 1.1), tuple(rng.normal(0, 5, 3))
+        rods.append(mr.Rod(length=length, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=precurvature))
+    joints = [str(kind) for kind in rng.choice(["clamped", "spherical"], 3)]
+    angles = (0, 120, 240)
+    robot = mr.ParallelRods(legs=rods, base=circle(angles, 0.06), platform=circle(angles, 0.04), joints=joints)
+    return robot, rng.normal(0, 1.5, 3)
+
+
+@pytest.mark.parametrize("seed", [48, 56, 69])
+def test_a_parallel_robot_and_the_network_that_it_is_come_to_rest_alike(seed):
+    """From the same beams, by the same steps: networks began by (30), and took another way where loads took over twelve steps."""
+    robot, force = curved_legs(seed)
+    network = mr.stacked(robot)
+    found = mr.solve(robot, robot.inputs(tip_force=force)).raise_if_failed()
+    same = mr.solve(network, network.inputs(force={network.load_places[-1]: force})).raise_if_failed()
+    assert found.status == same.status == mr.Status.CONVERGED
+    np.testing.assert_allclose(same.tip_position, found.tip_position, atol=2e-8)  # of both, RK45()'s 1e-8 of 0.2 m; others 0.03
+    np.testing.assert_allclose(same.energy, found.energy, rtol=1e-6)
+
+
+@pytest.mark.parametrize("as_network", [False, True])
+@pytest.mark.parametrize("seed", [56, 67])
+def test_loads_are_raised_from_the_unloaded_robot(seed, as_network):
+    """To where forty small steps from there lead, Newton's method alone, though its legs are far from being beams."""
+    robot, force = curved_legs(seed)
+    network = mr.stacked(robot)
+    scale = np.linspace(0, 1, 41)[1:, None]
+
+    def inputs(force):
+        return network.inputs(force={network.load_places[-1]: force}) if as_network else robot.inputs(tip_force=force)
+
+    robot = network if as_network else robot
+    found = mr.solve(robot, inputs(force)).raise_if_failed()
+    led = mr.solve(robot, inputs(0 * force)).raise_if_failed()
+    for part in scale:
+        led = mr.solve(robot, inputs(part * force), guess=led).raise_if_failed()
+    np.testing.assert_allclose(found.tip_position, led.tip_position, atol=2e-8)
 
 
 def test_what_beams_do_not_know_begins_otherwise():

@@ -265,65 +265,81 @@ class NetworkJoints(Joints):
         problem.closing.open_at(unknowns, residual, _turned(problem, problem.state()))
 
     def together(self) -> Together:
-        """(30) By Newton's method from the network taken apart, where its steps soon become much shorter."""
+        """Where rods are taken for beams; else (30), by Newton's method from the network taken apart, where its steps soon become
+        much shorter."""
         problem = self.problem
         apart = problem.closing.apart()
-        step = problem.closing.newton_step(apart.gamma, apart.residual)
         unknowns, residual = np.array(apart.unknowns), np.zeros_like(apart.residual)
-        first = before = np.linalg.norm(step, axis=1)
-        sound, on = np.zeros(problem.instance_count, dtype=bool), np.isfinite(before)
+        step = problem.closing.newton_step(apart.gamma, apart.residual)
+        first = np.linalg.norm(step, axis=1)
+        sound = np.zeros(problem.instance_count, dtype=bool)
         integrations = np.full(problem.instance_count, problem.guess_integrations)
         with problem.closing.unloaded(), np.errstate(all="ignore"):
-            for _ in range(CLOSING):
-                unknowns[on] += step[on]
-                problem.write("unknowns", unknowns)
-                with problem.only(on):
-                    problem.integrate()
-                found, faults = problem.read("residual"), problem.buffer("fault") != 0
-                residual[on] = found[on]
-                integrations += on
-                step = problem.closing.newton_step(problem.closing.numbers(), found)
-                size = np.linalg.norm(step, axis=1)
-                sound |= on & ~faults & (size <= CONTRACTION * before)
-                on &= ~faults & ~sound & (size <= WIDEST * first)
-                before = size
-                if not on.any():
-                    break
-            self._as_beams(~sound & np.isfinite(first), unknowns, residual, sound, integrations)
+            far = self._as_beams(np.isfinite(first), unknowns, residual, sound, integrations)
+            self._by_newton(~sound & np.isfinite(first), step, unknowns, residual, sound, integrations)
         self.shut()
         problem.closing.opening[:] = np.where(sound[:, None], residual, 0.0)
-        return Together(unknowns, sound, integrations)
+        return Together(unknowns, sound, ~far, integrations)
+
+    def _by_newton(
+        self,
+        on: BoolArray,
+        step: FloatArray,
+        unknowns: FloatArray,
+        residual: FloatArray,
+        sound: BoolArray,
+        integrations: NDArray[np.int_],
+    ) -> None:
+        """(30) Of those that are ``on``, in place, from the network taken apart, of which ``step`` is the first."""
+        problem = self.problem
+        first = before = np.linalg.norm(step, axis=1)
+        for _ in range(CLOSING):
+            if not on.any():
+                break
+            unknowns[on] += step[on]
+            problem.write("unknowns", unknowns)
+            with problem.only(on):
+                problem.integrate()
+            found, faults = problem.read("residual"), problem.buffer("fault") != 0
+            residual[on] = found[on]
+            integrations += on
+            step = problem.closing.newton_step(problem.closing.numbers(), found)
+            size = np.linalg.norm(step, axis=1)
+            sound |= on & ~faults & (size <= CONTRACTION * before)
+            on = on & ~faults & ~sound & (size <= WIDEST * first)
+            before = size
 
     def _as_beams(
         self, on: BoolArray, unknowns: FloatArray, residual: FloatArray, sound: BoolArray, integrations: NDArray[np.int_]
-    ) -> None:
-        """From where rods are taken for beams, of those that are ``on``, in place: as long as Newton's step gets shorter."""
+    ) -> BoolArray:
+        """Rods as beams, of those that are ``on``, in place: those from which Newton's step is shortest, and none after one from
+        which it is short, as ``ParallelRods`` does; of which it is not, shape (instance_count,)."""
         problem, apart = self.problem, self.problem.closing.apart()
         if apart.beams is None:
-            return
-        before = np.full(len(on), np.inf)
+            return np.zeros_like(on)
+        shortest = np.full(len(on), np.inf)
         for compliance in COMPLIANCES:
             if not on.any():
-                return
+                break
             found = apart.beams.bent(problem, apart.unknowns, compliance)
             problem.write("unknowns", found)
             with problem.only(on):
                 problem.integrate()
             left, faults = problem.read("residual"), problem.buffer("fault") != 0
             size = np.linalg.norm(problem.closing.newton_step(problem.closing.numbers(), left), axis=1)
-            short = on & ~faults & (size <= SHORT * np.linalg.norm(found, axis=1))
-            unknowns[short], residual[short] = found[short], left[short]
+            better = on & ~faults & (size < shortest)
+            unknowns[better], residual[better], shortest[better] = found[better], left[better], size[better]
             integrations += on
-            sound |= short
-            on = on & ~short & (size < before)
-            before = size
+            sound |= better
+            on = on & ~(better & (size <= SHORT * np.linalg.norm(found, axis=1)))
+        return on & sound
 
     def close(self, loading: Loading) -> None:  # noqa: D102
         self.problem.closing.loading[:] = int(loading)
 
-    def shut(self) -> None:  # noqa: D102
-        problem = self.problem
-        problem.closing.opening[:], problem.closing.soft[:], problem.closing.shift[:] = 0.0, 0.0, 0.0
+    def shut(self, some: BoolArray | None = None) -> None:  # noqa: D102
+        closing, every = self.problem.closing, slice(None) if some is None else some
+        closing.opening[every], closing.soft[every], closing.shift[every] = 0.0, 0.0, 0.0
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         rows = self.problem.read("inputs")

@@ -1,8 +1,11 @@
 """The natural branch: all loads raised in proportion, from the unloaded equilibrium to the full load."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.capabilities import Loading
 from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import Paths
@@ -15,7 +18,6 @@ FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 UNLOADED = 1e-9  # of ``EI/L^2``: loads that are none, and gaps that are closed
 AT_END = 1e-5  # of the way, that is left where ends of rods hardly give way
 CONVERGED = int(Status.CONVERGED)  # NumPy compares with a number at once, and takes its time with a member of ``Status``
-SHORT_STEPS = 12  # of a short cut, beyond which it is none
 
 
 def natural_branch(
@@ -32,20 +34,17 @@ def natural_branch(
     bounds, stability = problem.mode_bounds(), problem.stability
     if problem.may_jump and stability is not None and (chosen & (bounds[:, 1] >= 1)).any():
         stability.expect()  # as those are looked at
-    short = _short_cut(problem, newton, chosen, bounds)
-    left = chosen if short is None else chosen & failures(short.status)
-    if short is None or left.any():
+    outcome = _from_together(problem, newton, max_steps, chosen, bounds)
+    left = chosen if outcome is None else chosen & ~_has_branch(outcome)
+    if outcome is None or left.any():
         paths = Paths.of(problem, newton, max_steps)
         paths.handed = handed
         with problem.led_on():
-            outcome = paths.raise_loads(left, bounds)
-        if short is not None:
-            outcome.iterations += short.iterations
-            outcome.integrations += short.integrations
-            assert outcome.reached is not None
-            outcome.reached[chosen & ~left] = 1.0
-    else:
-        outcome = short
+            raised = paths.raise_loads(left, bounds)
+        if outcome is None:
+            outcome = raised
+        else:
+            outcome.end_with(raised, left)
     if problem.may_jump:
         _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
     lost = outcome.status != CONVERGED
@@ -82,21 +81,50 @@ def let_go(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: B
     return np.asarray(off)
 
 
-def _short_cut(problem: BoundaryProblem, newton: Newton, chosen: BoolArray, bounds: FloatArray) -> Outcome | None:
-    """The natural branch of what is put together by a step or two of Newton's method; the other instances have failed.
+def _has_branch(outcome: Outcome) -> BoolArray:
+    """Which came to the end of a natural branch, at the full load or before: that is followed, and no other begun."""
+    assert outcome.reached is not None
+    return np.asarray(~failures(outcome.status) | ((outcome.status == int(Status.BRANCH_END)) & (outcome.reached > 0)))
+
+
+def _from_together(
+    problem: BoundaryProblem, newton: Newton, max_steps: int, chosen: BoolArray, bounds: FloatArray
+) -> Outcome | None:
+    """The natural branch of what is put together at once; the other instances have failed.
 
     None where there is nothing to be put together. What it took is no longer allowed to ``newton``.
     """
-    found = None if problem.joints is None else problem.joints.together()
-    if found is None:
+    joints = problem.joints
+    found = None if joints is None else joints.together()
+    if joints is None or found is None:
         return None
-    tried = chosen & found.sound
+    tried, far = chosen & found.sound, chosen & found.sound & ~found.near
     outcome = Outcome.zeros(problem.instance_count)
+    outcome.status[~chosen] = Status.CONVERGED
+    outcome.reached = np.zeros(problem.instance_count)
+
+    def took(part: Outcome | None, integrations: NDArray[np.integer[Any]]) -> None:
+        if part is not None:
+            outcome.iterations += part.iterations
+        outcome.integrations += integrations
+        newton.allow(np.maximum(newton.allowed() - integrations, 0))
+
+    took(None, chosen * found.integrations)
+    if far.any():
+        # what is left of the residual would bend the way that loads lead
+        joints.close(Loading.NONE)
+        closed = Paths.of(problem, newton, max_steps).raise_from(far, found.unknowns, np.ones(problem.instance_count))
+        joints.close(Loading.RISING)
+        took(closed, closed.integrations)
+        there = far & ~failures(closed.status)
+        joints.shut(there)
+        found.unknowns[there] = problem.read("unknowns")[there]
+        tried &= ~far | there
     if tried.any():
-        outcome = Paths.of(problem, newton, SHORT_STEPS).raise_loads(tried, bounds, unloaded=found.unknowns)
-    outcome.status[chosen & ~tried] = Status.NOT_RUN
-    outcome.integrations += chosen * found.integrations
-    newton.allow(np.maximum(newton.allowed() - outcome.integrations, 0))
+        raised = Paths.of(problem, newton, max_steps).raise_loads(tried, bounds, unloaded=found.unknowns)
+        took(raised, raised.integrations)
+        assert raised.reached is not None  # of paths
+        outcome.status[tried], outcome.reached[tried] = raised.status[tried], raised.reached[tried]
     return outcome
 
 

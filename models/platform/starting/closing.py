@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.batch import solved_each
+from multirod.batch import IntArray, solved_each
 from multirod.capabilities import Loading
 from multirod.kernels.shared import Shared
 from multirod.models.backbone.stability.conjugates import GIVE
@@ -24,6 +24,7 @@ from multirod.models.platform.starting.guess import (
     straight_legs,
     tip_answers,
 )
+from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -44,13 +45,15 @@ class Closed:
         residual: What is left of it there [1/m], shape (instance_count, n).
         gamma: ``Gamma`` there, shape (instance_count, n, n).
         tried: How many guesses were looked at, shape (instance_count,).
+        near: Where Newton's step from there is short, shape (instance_count,).
     """
 
     inputs: FloatArray
     unknowns: FloatArray
     residual: FloatArray
     gamma: FloatArray
-    tried: NDArray[np.int_]
+    tried: IntArray
+    near: BoolArray
 
     @cached_property
     def singular_value(self) -> FloatArray:
@@ -86,11 +89,8 @@ class Closing:
         if self._found is None or not np.array_equal(self._found.inputs, inputs):
             with self.unloaded():
                 x, legs, at = self.unloaded_legs()
-                if self.problem.inverse:
-                    x, residual, gamma, tried = self._leg_by_leg(x, legs, at)
-                else:
-                    x, residual, gamma, tried = self._best(self._bent(x, legs, at))
-            self._found = Closed(inputs, x, residual, gamma, tried)
+                found = self._leg_by_leg(x, legs, at) if self.problem.inverse else self._best(self._bent(x, legs, at))
+            self._found = Closed(inputs, *found)
         return self._found
 
     @contextmanager
@@ -136,9 +136,9 @@ class Closing:
         self.problem.integrate()
         return x, self._legs(), self.problem.attachments()
 
-    def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int_]]:
-        """Of several unknowns, for each instance those from which Newton's first step is shortest; residual and Gamma there, and
-        how many it looked at: none after one from which it is short."""
+    def _best(self, candidates: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, IntArray, BoolArray]:
+        """Of several unknowns, for each instance those from which Newton's first step is shortest; residual and Gamma there, how
+        many it looked at, none after one from which it is short, and where it is."""
         count, n = self.problem.instance_count, self.problem.unknown_count
         shortest, tried, open_ = np.full(count, np.inf), np.zeros(count, dtype=int), np.ones(count, dtype=bool)
         x, residual, best = np.array(candidates[0]), np.zeros((count, n)), np.zeros((count, n, n))
@@ -156,11 +156,11 @@ class Closing:
             open_ &= length > SHORT * np.linalg.norm(candidate, axis=1)
             if not open_.any():
                 break
-        return x, residual, best, tried
+        return x, residual, best, tried, ~open_
 
     def _leg_by_leg(
         self, unloaded: FloatArray, legs: Legs, at: Attachments
-    ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int_]]:
+    ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray, BoolArray]:
         """(11b) As ``_best``, of the inverse problem: each leg is led to its attachment by itself, from where it would be if it
         were a beam; that where one does not come there."""
         problem, x = self.problem, unloaded.copy()
@@ -193,7 +193,7 @@ class Closing:
         sound = settled & np.isfinite(gamma).all(axis=(1, 2))
         for values, before in zip((x, residual, gamma), begun, strict=True):
             values[~sound] = before[~sound]
-        return x, residual, gamma, tried
+        return x, residual, gamma, tried, sound
 
     def _bent(self, unloaded: FloatArray, legs: Legs, at: Attachments) -> Sequence[FloatArray]:
         """Unknowns of the unloaded legs, and what closes their joints if they are beams, for each of ``COMPLIANCES``."""

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.batch import IntArray
-from multirod.capabilities import Joints, Loading, Starts
+from multirod.capabilities import Joints, Loading, Starts, Together
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.starts import quasirandom
 from multirod.models.joint_kernels import AT_REST
 from multirod.models.platform import platform_kernels as kernels
 from multirod.models.platform.starting.guess import COMPLIANCES, beam_unknowns, fitted_platform
 from multirod.rotations import matrices
+from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -51,6 +52,14 @@ class PlatformJoints(Joints):
             soft.assign(soft.numpy() * (numbers % 2 == 0))
         return x
 
+    def together(self) -> Together | None:
+        """As beams, where that is not near an equilibrium; the others begin so by ``guess``."""
+        problem = self.problem
+        if problem.inverse or problem.closing.closed().near.all():
+            return None
+        unknowns, near = problem.guess(), problem.closing.closed().near
+        return Together(unknowns, ~near, near, np.where(near, 0, problem.guess_integrations))
+
     def open(self, unknowns: FloatArray) -> None:
         """As said; tips give way on the way where no leg carries a force yet, (9b)."""
         problem = self.problem
@@ -63,8 +72,11 @@ class PlatformJoints(Joints):
     def close(self, loading: Loading) -> None:  # noqa: D102
         self.problem.robots.loading.fill_(int(loading))
 
-    def shut(self) -> None:  # noqa: D102
-        self.problem.robots.opening.zero_(), self.problem.robots.soft.zero_()
+    def shut(self, some: BoolArray | None = None) -> None:  # noqa: D102
+        for values in (self.problem.robots.opening, self.problem.robots.soft):
+            kept = values.numpy()
+            kept[slice(None) if some is None else some] = 0.0
+            values.assign(kept)
 
     def unloaded_inputs(self) -> FloatArray | None:  # noqa: D102
         if self.problem.inputs_given.profiles:
