@@ -1,7 +1,6 @@
 """Networks: rods and bodies joined in a graph."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Self, Unpack
 
@@ -11,7 +10,7 @@ from multirod.assembly import Assembly, Backbone
 from multirod.batch import IntArray
 from multirod.elimination import Elimination
 from multirod.frames import pose
-from multirod.inputs import Inputs, InputSpec, InputSpecs
+from multirod.inputs import Inputs, InputSpec
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.inputs import NetworkInput, NetworkInputs, listed
 from multirod.models.assemblies.network_inputs import (
@@ -28,12 +27,13 @@ from multirod.models.assemblies.network_inputs import (
     refuse_around,
     renamed,
     robot_of,
+    specs_of,
 )
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.checks import check_drives, surely_driven
 from multirod.models.backbone.derivatives.designs import AROUND, design_options, refuse_unknown
 from multirod.models.backbone.derivatives.ends import ways_back
-from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, drive_specs
+from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.terms import scene_features
@@ -42,7 +42,7 @@ from multirod.models.network.elements.groups import along, is_on_rods
 from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of, number_of, place_of
-from multirod.models.network.joining.checks import holes_by_rod, joint_called, joints_by_end, warn_of_free_tips
+from multirod.models.network.joining.checks import holes_by_rod, joint_called, joints_by_end, segments_by_rod, warn_of_free_tips
 from multirod.models.network.joining.joints import Joint
 from multirod.models.network.places import FIXED, LOADED
 from multirod.models.network.problem import NetworkProblem
@@ -72,6 +72,8 @@ class Network(Assembly):
             first.
         base: Pose of the ground in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
         driven: Names of the rods that motors turn and push, so that tasks choose ``rotation`` and ``translation`` of them alone.
+        segments: Into how many a rod is cut, ``{"cable": 8}``, which is long, soft and pulled: multiple shooting of that rod. It
+            is the same all along, and has no lines.
 
     Attributes:
         bodies: As given.
@@ -97,6 +99,7 @@ class Network(Assembly):
         end_effector: Body | str | tuple[Body | str, str] | None = None,
         base: Poses | None = None,
         driven: Sequence[str] | None = None,
+        segments: Mapping[str, int] | None = None,
     ) -> None:
         kinds = (Rod, ConcentricTubes)
         if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, kinds) for rod in rods.values()):
@@ -114,7 +117,8 @@ class Network(Assembly):
         self.base, self._motors = pose("Network.base", base), driven_rods(driven, rods)
         joined = joints_by_end(self.joints, rods, self.bodies)
         holes = holes_by_rod(self.joints, rods)
-        self.graph = Graph(robots, list(rods), self.bodies, joined, self.base, holes, self.joints)
+        cut = segments_by_rod(segments, rods, holes)
+        self.graph = Graph(robots, list(rods), self.bodies, joined, self.base, holes, self.joints, cut)
         refuse_around(self.graph)
         refuse_unheld(self.graph)
         refuse_mechanism(self.graph)
@@ -127,11 +131,7 @@ class Network(Assembly):
         self._end_effector = self._place_of_effector(end_effector)
         warn_of_free_tips(self.graph, self._places[self._end_effector])
         self.mass_carried = float(self.graph.mass.sum())
-        by_joint = tuple(replace(spec, count=len(own)) for spec in COORDINATE_INPUTS if (own := self.coordinate_names[spec.name]))
-        fixed = tuple(replace(spec, count=3 * len(self.fixed_bodies)) for spec in FIXED_INPUTS) if self.fixed_bodies else ()
-        on_rods = (replace(spec, count=3 * len(rods)) for spec in ROD_INPUTS)
-        loads = (*(replace(spec, count=3 * len(self.load_places)) for spec in LOAD_INPUTS), *on_rods)
-        self._specs = InputSpecs((*INPUTS[:2], *by_joint, *fixed, *loads, *INPUTS[2:], *drive_specs(self.rods)))
+        self._specs = specs_of(self.rods, len(rods), self.coordinate_names, self.load_places, self.fixed_bodies)
 
     def _place_of_effector(self, given: object) -> int:
         """Its number among the bodies that move, then the rods."""
@@ -352,13 +352,13 @@ class Network(Assembly):
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
         robots = [renamed(robot.with_rods(rods[at]), name) for name, robot, at in self._each()]
         all_rods, own = tuple(rod for robot in robots for rod in robot.rods), self.graph
-        graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes, self.joints)
+        graph = Graph(robots, own.whole_names, self.bodies, own.joints, self.base, own.holes, self.joints, own.segments)
         refuse_around(graph)
         return changed(self, computed=("longest", "stiffest"), rods=all_rods, graph=graph)
 
     def with_base(self, base: FloatArray) -> Self:  # noqa: D102
         place, own = pose("Network.base", base), self.graph
-        graph = Graph(own.whole, own.whole_names, self.bodies, own.joints, place, own.holes, self.joints)
+        graph = Graph(own.whole, own.whole_names, self.bodies, own.joints, place, own.holes, self.joints, own.segments)
         return changed(self, base=place, graph=graph)
 
     def frame_of(self, body: Body | str | tuple[Body | str, str]) -> tuple[int, FloatArray]:

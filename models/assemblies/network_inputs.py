@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from multirod.inputs import Inputs, InputSpec
+from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.single_rod import SingleRod
 from multirod.models.backbone.assembly import BackboneAssembly
-from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES
+from multirod.models.backbone.inputs import BACKBONE_INPUTS, DRIVES, drive_specs
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.network.elements.groups import ON_RODS
 from multirod.models.network.graph import Graph
@@ -94,6 +94,21 @@ NOT_THERE = {  # why each of these may not be given
 }
 
 
+def specs_of(
+    rods: Sequence[Rod],
+    given: int,
+    coordinates: Mapping[str, Sequence[str]],
+    load_places: Sequence[str],
+    fixed_bodies: Sequence[str],
+) -> InputSpecs:
+    """Inputs of a network of so many rods as ``given``, of joints with these ``coordinates``."""
+    by_joint = tuple(replace(spec, count=len(own)) for spec in COORDINATE_INPUTS if (own := coordinates[spec.name]))
+    fixed = tuple(replace(spec, count=3 * len(fixed_bodies)) for spec in FIXED_INPUTS) if fixed_bodies else ()
+    loads = tuple(replace(spec, count=3 * len(load_places)) for spec in LOAD_INPUTS)
+    on_rods = tuple(replace(spec, count=3 * given) for spec in ROD_INPUTS)
+    return InputSpecs((*INPUTS[:2], *by_joint, *fixed, *loads, *on_rods, *INPUTS[2:], *drive_specs(rods)))
+
+
 def numbers_by_name(graph: Graph, load_places: Sequence[str], fixed_bodies: Sequence[str]) -> dict[str, dict[str, int]]:
     """Of each input that is taken by name, how many numbers each of those named has, in their order."""
     names = graph.whole_names
@@ -162,8 +177,8 @@ def refuse_around(graph: Graph) -> None:
             refuse(
                 f"Network.rods[{graph.whole_names[owner]!r}]",
                 robot,
-                "must be clamped at its base to the ground or to a body that is fixed, and slide through no hole: a foundation "
-                "and loads of its own go with its base",
+                "must be clamped at its base to the ground or to a body that is fixed, and not be cut, at holes or into "
+                "segments: a foundation and loads of its own go with its base",
             )
 
 

@@ -28,6 +28,7 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     own.first_pose, own.own, own.size, own.holes = problem.first_pose, layout.own, layout.size, int(layout.holes)
     own.width = layout.size + d + layout.holes
     own.height = layout.size + records.MORE + max(map(len, graph.drives)) + max(rod.rod_count for rod in graph.rods) - 1
+    own.given_bodies = given = len(graph.bodies)
     own.effector = problem.end_effector + 1 if problem.effector_rod is None else 0
     own.effector_rod = -1 if problem.effector_rod is None else problem.effector_rod
     frame = problem.effector_frame
@@ -65,9 +66,9 @@ def networks_of(problem: "NetworkProblem") -> Struct:
     own.unit = array([table.unit for table in tables], wp.vec3d)
     own.variable = array(entries.variables, wp.int32)
     places = np.full(rods, -1)
-    places[graph.free] = bodies + np.arange(len(graph.free))
+    places[graph.free] = given + np.arange(len(graph.free))
     own.load_place = array(places, wp.int32)
-    own.frame_count, own.first_frame, poses = len(graph.framed), bodies + len(graph.free), graph.frame_poses
+    own.frame_count, own.first_frame, poses = len(graph.framed), given + len(graph.free), graph.frame_poses
     own.frame_body = array(graph.framed, wp.int32)
     own.frame_position, own.frame_rotation = array(poses[:, :3, 3], wp.vec3d), array(poses[:, :3, :3], wp.mat33d)
     own.length, own.stiffness = array(problem.length), array(problem.stiffness)

@@ -68,8 +68,7 @@ class NetworkShapes(Shapes):
             energy = self.of_springs(state.angles)
             base = state.ends[0]
             for group in problem.groups:
-                pieces = int(slides.pieces[group.members[0]])
-                for nodes in set(nodes_of_pieces(node_count, pieces)):
+                for nodes in set(self._nodes(int(group.members[0]), node_count)):
                     shapes, own = group.backbones.shapes.at_nodes(nodes)
                     for (place, rod), (tube, shape) in product(enumerate(group.members.tolist()), enumerate(shapes)):
                         values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}
@@ -79,7 +78,18 @@ class NetworkShapes(Shapes):
                         found.setdefault((rod, tube), {})[nodes] = values
                 energy += own.reshape(count, -1).sum(axis=1)
         tubes = [(rod, tube) for rod, whole in enumerate(problem.graph.whole) for tube in range(whole.rod_count)]
-        return tuple(_joined([found[k, tube] for k in slides.of(rod)], node_count) for rod, tube in tubes), energy
+        joined = []
+        for rod, tube in tubes:
+            pieces = slides.of(rod)
+            parts = [dict(found[k, tube][nodes]) for k, nodes in zip(pieces, self._nodes(pieces[0], node_count), strict=True)]
+            joined.append(_joined(parts, node_count, twice=bool(slides.sliding[pieces[0]])))
+        return tuple(joined), energy
+
+    def _nodes(self, piece: int, node_count: int) -> list[int]:
+        """Of each piece of the rod of a piece: two stand at each hole, and between segments, of which one is left out."""
+        slides = self.problem.graph.slides
+        pieces = int(slides.pieces[piece])
+        return nodes_of_pieces(node_count + (0 if slides.sliding[piece] else pieces - 1), pieces)
 
     def jumps(self) -> tuple[FloatArray, ...]:
         """As said; of a rod that slides none between nodes: two stand at each hole."""
@@ -116,17 +126,19 @@ class NetworkShapes(Shapes):
         return total
 
 
-def _joined(pieces: list[dict[int, dict[str, FloatArray]]], node_count: int) -> Shape:
-    """The shape of a rod by those of its pieces, each at one or two counts of nodes: two nodes stand at each hole."""
-    if len(pieces) == 1:
-        return Shape(**pieces[0][node_count])
-    counts = nodes_of_pieces(node_count, len(pieces))
-    parts = [dict(own[count]) for own, count in zip(pieces, counts, strict=True)]
+def _joined(parts: list[dict[str, FloatArray]], node_count: int, *, twice: bool) -> Shape:
+    """The shape of a rod by those of its pieces; whether what is between two of them has ``twice`` a node."""
+    if len(parts) == 1:
+        return Shape(**parts[0])
     whole = np.cumsum([np.zeros_like(parts[0]["arclength"][:, 0]), *(part["arclength"][:, -1] for part in parts)], axis=0)
     for part, below in zip(parts, whole, strict=False):
         part["arclength"] = part["arclength"] + below[:, None]
-    kept = slice(None) if sum(counts) == node_count else np.linspace(0, sum(counts) - 1, node_count).round().astype(int)
-    return Shape(**{name: np.concatenate([part[name] for part in parts], axis=1)[:, kept] for name in parts[0]})
+    if not twice:
+        parts[1:] = [{name: values[:, 1:] for name, values in part.items()} for part in parts[1:]]
+    nodes = {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
+    count = nodes["arclength"].shape[1]
+    kept = slice(None) if count == node_count else np.linspace(0, count - 1, node_count).round().astype(int)
+    return Shape(**{name: values[:, kept] for name, values in nodes.items()})
 
 
 class NetworkLines(LinesOfGroups["NetworkProblem"]):

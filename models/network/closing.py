@@ -126,7 +126,7 @@ class Closing:
             if len(neutral) and np.abs(neutral[:, rods]).max() < STILL:
                 moves = neutral[:, self.problem.first_pose :].reshape(len(neutral), self.problem.body_count, POSE).copy()
                 moves[..., :3] *= self.problem.length[k, None, self.problem.rod_count :, None]
-                names[k] = self.problem.graph.bodies[int(np.linalg.norm(moves, axis=(0, 2)).argmax())].name
+                names[k] = self.problem.graph.moving[int(np.linalg.norm(moves, axis=(0, 2)).argmax())].name
         return names
 
     def apart(self) -> Apart:
@@ -181,7 +181,7 @@ def load_scale(problem: "NetworkProblem") -> FloatArray:
     total = np.sum(own, axis=0)
     inputs, L, EI = problem.read("inputs"), problem.length, problem.stiffness
     first, bodies = problem.rod_count, slice(problem.rod_count, None)
-    rods = [*range(first, first + problem.body_count), *problem.graph.free, *(first + problem.graph.framed)]
+    rods = [*range(first, first + len(problem.graph.bodies)), *problem.graph.free, *(first + problem.graph.framed)]
     for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
         given = inputs[:, problem.input_slice(name)]
         if not given.any():

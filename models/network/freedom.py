@@ -17,7 +17,7 @@ SIX = 6
 def refuse_unheld(graph: Graph) -> None:
     """Refuse, by a ``ValueError`` that names it, a body or a rod that no chain of rods joins to the ground."""
     frames = [end.frame for end in graph.ends]
-    for k, body in enumerate(graph.fixed, len(graph.bodies) + 1):
+    for k, body in enumerate(graph.fixed, len(graph.moving) + 1):
         if not any((end.stand == k).any() for end in graph.ends):
             refuse("Network.bodies", body, f"nothing holds on to body {body.name!r}: no rod is joined to it")
     if (frames[0] < GROUND).any():
@@ -29,7 +29,7 @@ def refuse_unheld(graph: Graph) -> None:
         if more <= known | {-1}:
             break
         known |= more - {-1}
-    for k, body in enumerate(graph.bodies):
+    for k, body in enumerate(graph.moving):
         if k + 1 in known:
             continue
         if not any((own == k + 1).any() for own in frames):
@@ -48,7 +48,7 @@ def refuse_mechanism(graph: Graph) -> None:
     It is looked for at poses drawn by lot: what is found there is so wherever the bodies are.
     """
     rng = np.random.default_rng(0)
-    bodies = len(graph.bodies)
+    bodies = len(graph.moving)
     moved = bodies + len(graph.fixed)
     position = np.concatenate([np.zeros((1, 3)), rng.standard_normal((moved, 3))])
     rotation = np.concatenate([np.eye(3)[None], matrices(rng.standard_normal((moved, 3)))])
@@ -78,7 +78,7 @@ def refuse_mechanism(graph: Graph) -> None:
         conditions = np.zeros((len(free[0]) + len(free[1]), SIX * len(pieces)))
         conditions[:turning, :SIX], conditions[turning:, -SIX:] = free
         # (14) what a hole passes on to its body is neither along the rod nor about an axis about which the rod turns there
-        for k, rod in enumerate(pieces[:-1]):
+        for k, rod in enumerate(pieces[:-1] if slides.sliding[pieces[0]] else ()):
             own, arm = graph.ends[1], arms[1]
             frame = rotation[own.stand[rod]] @ arm[rod, :3, :3]
             place = position[own.stand[rod]] + rotation[own.stand[rod]] @ arm[rod, :3, 3] / size
@@ -112,7 +112,7 @@ def refuse_mechanism(graph: Graph) -> None:
     if _rank(balance) == SIX * bodies:
         return
     motion = _kernel(balance.T)
-    body = graph.bodies[int(np.argmax(np.linalg.norm(motion.reshape(bodies, SIX, -1), axis=(1, 2))))]
+    body = graph.moving[int(np.argmax(np.linalg.norm(motion.reshape(bodies, SIX, -1), axis=(1, 2))))]
     missing = SIX * bodies - _rank(balance)
     refuse(
         "Network.joints",

@@ -65,7 +65,7 @@ class Ends:
 
 
 class Graph:
-    """A network in numbers: its rods are pieces of those given, which are cut at the holes through which they slide.
+    """A network in numbers: its rods are pieces of those given, cut at the holes through which they slide, or into segments.
 
     Args:
         rods: Each as a robot of its own.
@@ -75,6 +75,7 @@ class Graph:
         base: Pose of the ground in the world, shape (..., 4, 4).
         holes: Through which rods slide, by name, from the base to the tip.
         all_joints: All of them, in the order in which they are counted.
+        segments: Of some rods, how many.
 
     Attributes:
         whole, whole_names: The rods as given.
@@ -88,9 +89,10 @@ class Graph:
         drive: Which of all numbers that drive lines that of each line is, in the order of ``drive_slices``, shape (rod_count, k).
         layout: Of their elements.
         ends: Their bases, then their tips.
-        base, all_joints: As given.
+        base, all_joints, segments: As given.
         bodies, fixed: Those that move, and those that are fixed.
-        mass, mass_centre: Of the bodies, shapes (body_count,), (body_count, 3).
+        moving: The bodies, then what is between segments: all whose poses are unknown.
+        mass, mass_centre: Of these, shapes (body_count,), (body_count, 3).
         free: Rods whose tips nothing holds, by their numbers.
         driven: Names of the joints whose angles are inputs, ``"arm base"``, and how many each has, rod by rod.
         driven_slides: Likewise of those for which it is an input how far they slide.
@@ -110,9 +112,10 @@ class Graph:
         base: FloatArray,
         holes: Mapping[str, Sequence[Joint]],
         all_joints: Sequence[Joint],
+        segments: Mapping[str, int],
     ) -> None:
-        self.whole, self.whole_names = tuple(rods), tuple(names)
-        self.slides = Slides(names, [float(np.min(rod.rods[0].length)) for rod in rods], holes)
+        self.whole, self.whole_names, self.segments = tuple(rods), tuple(names), dict(segments)
+        self.slides = Slides(names, [float(np.min(rod.rods[0].length)) for rod in rods], holes, segments)
         counts = np.bincount(self.slides.owner)
         whole = [rods[owner] for owner in self.slides.owner]
         self.rods: tuple[BackboneAssembly, ...] = tuple(
@@ -121,6 +124,7 @@ class Graph:
         )
         self.names = self.slides.names(names)
         self.bodies = tuple(body for body in bodies if not body.fixed)
+        self.moving = (*self.bodies, *self.slides.between)
         self.fixed = tuple(body for body in bodies if body.fixed)
         self.joints, self.holes, self.all_joints = dict(joints), dict(holes), tuple(all_joints)
         self.base = base
@@ -132,7 +136,7 @@ class Graph:
         self.drives = [drive_names(arrays.members) for arrays in self.arrays]
         self.drive = _places_of(self.drives)
         self.layout = Layout(int(self.own.max()), self.slides.count > 0)
-        moving, fixed = ([body.name for body in own] for own in (self.bodies, self.fixed))
+        moving, fixed = ([body.name for body in own] for own in (self.moving, self.fixed))
         lengths = [float(np.min(rod.rods[0].length)) for rod in self.rods]
         self.ends = tuple(
             Ends(
@@ -144,12 +148,12 @@ class Graph:
             )
             for end in ENDS
         )
-        self.mass = np.array([body.mass for body in self.bodies])
-        self.mass_centre = np.array([body.mass_centre for body in self.bodies]).reshape(-1, 3)
+        self.mass = np.array([body.mass for body in self.moving])
+        self.mass_centre = np.array([body.mass_centre for body in self.moving]).reshape(-1, 3)
         self.free: NDArray[np.intp] = np.flatnonzero(~self.ends[1].held)
         driven = [own.table.driven for own in self.ends]
         self.driven, self.driven_slides, self.driven_at = self._coordinates(driven)
-        real = [self.slides.first, self.slides.upper < 0]  # ends, and no holes
+        real = [self.slides.first, self.slides.last]  # ends of rods as given
         few = [~own.table.driven & (own.table.count < MOST) for own in self.ends]
         pushed = [own & at for own, at in zip(few, real, strict=True)]
         self.pushed, self.pushed_slides, self.pushed_at = self._coordinates(pushed)
@@ -212,6 +216,11 @@ class Graph:
         own = (self.driven, self.driven_slides, self.pushed, self.pushed_slides)
         return dict(zip(BY_COORDINATE, own, strict=True))
 
+    def effector_rod(self, number: int) -> int | None:
+        """The piece whose tip is the end effector of that number, bodies first; None of a body."""
+        rod = number - len(self.bodies)
+        return None if rod < 0 else self.slides.of(rod)[-1]
+
     @property
     def is_driven(self) -> bool:
         """Whether any joint is."""
@@ -226,8 +235,8 @@ class Graph:
     @property
     def embeddable(self) -> NDArray[np.bool_]:
         """Which rods may have a medium around them, or loads of their own, which go with the frame of their base: where that does
-        not move, and they slide through no hole, shape (rod_count,)."""
-        return np.asarray(~self.turning_bases & (np.bincount(self.slides.owner)[self.slides.owner] == 1))
+        not move, and they are in one piece, shape (rod_count,)."""
+        return np.asarray(~self.turning_bases & ~self.slides.cut)
 
     @property
     def held_still(self) -> NDArray[np.bool_]:
@@ -237,7 +246,7 @@ class Graph:
     @property
     def on_fixed(self) -> NDArray[np.bool_]:
         """Which rods have bases on bodies that are fixed, and that inputs may turn, shape (rod_count,)."""
-        return np.asarray(self.ends[0].stand > len(self.bodies))
+        return np.asarray(self.ends[0].stand > len(self.moving))
 
     @cached_property
     def alone(self) -> BackboneAssembly | None:
@@ -252,13 +261,13 @@ class Graph:
         """Bodies that move in an order in which each stands on those before it, with the rods that hold it by their tips; none
         where a rod is joined otherwise, or by a joint that beams do not know: these turn at tips, freely, about one axis or
         all."""
-        (base, tip), known = self.ends, np.arange(len(self.bodies) + 1) == GROUND
+        (base, tip), known = self.ends, np.arange(len(self.moving) + 1) == GROUND
         table, held = tip.table, tip.held
         told = (table.free == table.count) & (table.count != 2) & ~table.slides.any(axis=1) & ~table.stiffness.any(axis=1)
         if self.slides.count or base.table.free.any() or not told.all() or (tip.frame == GROUND).any():
             return []
         found: list[tuple[int, NDArray[np.intp]]] = []
-        while len(found) < len(self.bodies):
+        while len(found) < len(self.moving):
             own = {k: np.flatnonzero(held & (tip.frame == k)) for k in np.flatnonzero(~known).tolist()}
             ready = [(k - 1, rods) for k, rods in own.items() if len(rods) and known[base.frame[rods]].all()]
             if not ready:
@@ -270,7 +279,7 @@ class Graph:
     @cached_property
     def depth(self) -> int:
         """Rods on the way from the ground to what is furthest from it."""
-        steps = np.full(len(self.bodies) + 1, len(self.names) + 1)
+        steps = np.full(len(self.moving) + 1, len(self.names) + 1)
         steps[GROUND] = 0
         base, tip = (end.frame for end in self.ends)
         joined = tip != FREE
@@ -306,7 +315,7 @@ class Graph:
         arrays = [own.repeated(self.batch_shape) for own in self.arrays]
         length = np.stack([a.end[:, :, -1].max(axis=1) for a in arrays], axis=1)
         stiffness = np.stack([a.material[:, :, 0, :2].max(axis=2).sum(axis=1) for a in arrays], axis=1)
-        by_body = [np.any([end.frame == k + 1 for end in self.ends], axis=0) for k in range(len(self.bodies))]
+        by_body = [np.any([end.frame == k + 1 for end in self.ends], axis=0) for k in range(len(self.moving))]
         lengths = [length[:, own].mean(axis=1, keepdims=True) for own in by_body]
         stiffnesses = [stiffness[:, own].sum(axis=1, keepdims=True) for own in by_body]
         return np.concatenate([length, *lengths], axis=1), np.concatenate([stiffness, *stiffnesses], axis=1)
@@ -338,7 +347,7 @@ class Graph:
         """What placing the bodies needs, at angles ``driven`` (count, k) of the joints that are driven, or all at rest, and with
         bodies that are fixed at poses ``fixed``, as of ``fixed_poses``, or not moved."""
         base = np.broadcast_to(self.base, (*batch_shape, 4, 4)).reshape(count, 4, 4)
-        given = [None if body.pose is None else base @ body.pose for body in self.bodies]
+        given = [None if body.pose is None else base @ body.pose for body in self.moving]
         position, rotation = self.fixed_poses(count, batch_shape) if fixed is None else fixed
         for k in range(len(self.fixed)):
             pose = np.tile(np.eye(4), (count, 1, 1))
@@ -348,7 +357,8 @@ class Graph:
         angles = [end.table.rest[None] for end in self.ends]
         if driven is not None:
             angles = [own + at for own, at in zip(angles, self.driven_angles(driven), strict=True)]
-        return Placing(frames, self.attachments(count, batch_shape), [end.table for end in self.ends], angles, given)
+        between = np.isin(np.arange(len(given)), np.arange(len(self.bodies), len(self.moving)))
+        return Placing(frames, self.attachments(count, batch_shape), [end.table for end in self.ends], angles, given, between)
 
     def driven_angles(self, driven: FloatArray) -> list[FloatArray]:
         """(24) Coordinates that are inputs (..., k) at bases, then at tips, zero elsewhere, shapes (..., rod_count, 3)."""
@@ -366,7 +376,7 @@ class Graph:
         tips = np.zeros((*length.shape, 3))
         tips[..., 2] = length
         position, rotation = placed(self.placing(count, batch_shape), tips, np.broadcast_to(np.eye(3), (*length.shape, 3, 3)))
-        moving = slice(1, 1 + len(self.bodies))
+        moving = slice(1, 1 + len(self.moving))
         return position[:, moving], rotation[:, moving]
 
 

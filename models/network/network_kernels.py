@@ -21,6 +21,22 @@ f64 = wp.float64
 # ---- bodies ----
 
 
+@wp.func
+def on_body(net: wp.ref[Networks], b: int, at: int, k: int) -> wp.vec3d:
+    """What an input, which begins ``at``, gives for a body; (43) those between segments are given nothing."""
+    if k < net.given_bodies:
+        return vector(net.problem.inputs, b, at + 3 * k)
+    return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+
+
+@wp.func
+def change_on_body(net: wp.ref[Networks], b: int, d: int, at: int, k: int) -> wp.vec3d:
+    """The same along a direction."""
+    if k < net.given_bodies:
+        return along(net.problem.directions, b, d, at + 3 * k)
+    return wp.vec3d(f64(0.0), f64(0.0), f64(0.0))
+
+
 @own_module(max_unroll=1)
 def stand(net: Networks):
     """(4) Poses of the bodies, and (11) what acts on them."""
@@ -53,10 +69,10 @@ def stand(net: Networks):
         weight = (level * mass) * gravity
         centre = rotation * net.mass_centre[k]
         # (28)
-        pushes = rotation * (level * vector(net.problem.inputs, b, net.follower_force_at + 3 * k))
-        twists = rotation * (level * vector(net.problem.inputs, b, net.follower_moment_at + 3 * k))
-        force = level * vector(net.problem.inputs, b, net.force_at + 3 * k) + weight
-        moment = level * vector(net.problem.inputs, b, net.moment_at + 3 * k) + wp.cross(centre, weight)
+        pushes = rotation * (level * on_body(net, b, net.follower_force_at, k))
+        twists = rotation * (level * on_body(net, b, net.follower_moment_at, k))
+        force = level * on_body(net, b, net.force_at, k) + weight
+        moment = level * on_body(net, b, net.moment_at, k) + wp.cross(centre, weight)
         levers = wp.skew(weight) * wp.skew(centre)
         for f in range(net.frame_count):  # (39)
             if net.frame_body[f] == k:
@@ -84,10 +100,10 @@ def stand(net: Networks):
                 net.load_turns[b, k, 3 + i, j] = by_turn[i, j]
         for d in range(net.direction_count):
             heave = mass * along(net.problem.directions, b, d, net.along_at + 6)
-            force = along(net.problem.directions, b, d, net.force_at + 3 * k) + heave
-            force += rotation * along(net.problem.directions, b, d, net.follower_force_at + 3 * k)
-            moment = along(net.problem.directions, b, d, net.moment_at + 3 * k) + wp.cross(centre, heave)
-            moment += rotation * along(net.problem.directions, b, d, net.follower_moment_at + 3 * k)
+            force = change_on_body(net, b, d, net.force_at, k) + heave
+            force += rotation * change_on_body(net, b, d, net.follower_force_at, k)
+            moment = change_on_body(net, b, d, net.moment_at, k) + wp.cross(centre, heave)
+            moment += rotation * change_on_body(net, b, d, net.follower_moment_at, k)
             for f in range(net.frame_count):
                 if net.frame_body[f] == k:
                     place = 3 * (net.first_frame + f)
@@ -123,7 +139,7 @@ def hand_over(net: Networks, group: RodGroup):
     for i in range(n):
         if net.shared[rod] == 0:
             group.problem.inputs[t, i] = net.problem.inputs[b, net.rotation_at + own + i]
-        group.problem.inputs[t, n + i] = net.problem.inputs[b, net.translation_at + own + i]
+        group.problem.inputs[t, n + i] = net.share[rod] * net.problem.inputs[b, net.translation_at + own + i]
     if net.holes != 0:
         longer = extension(net, b, rod)
         group.problem.inputs[t, 1] = wp.where(longer <= -net.length[b, rod], f64(0.0), longer)

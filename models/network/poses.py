@@ -30,6 +30,14 @@ def frames_of(problem: "NetworkProblem") -> Frames:
     return Frames(position, rotation, turns, problem.reference[1])
 
 
+def body_poses(problem: "NetworkProblem") -> tuple[FloatArray, FloatArray]:
+    """What ``NetworkProblem.body_poses`` returns: those as given, and not what is between segments."""
+    frames, graph = frames_of(problem), problem.graph
+    fixed = 1 + problem.body_count + np.arange(len(graph.fixed))
+    given = np.concatenate([1 + np.arange(len(graph.bodies)), fixed])
+    return frames.position[:, given], frames.rotation[:, given]
+
+
 def pose_unknowns(problem: "NetworkProblem", position: FloatArray, rotation: FloatArray) -> FloatArray:
     """(4) The unknowns (instance_count, 6 body_count) at poses (instance_count, body, ...)."""
     L = problem.length[:, problem.rod_count :, None]

@@ -30,9 +30,10 @@ from multirod.models.network.derivatives.designs import Aim, Columns, columns_of
 from multirod.models.network.elements.element_kernels import form
 from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, along, builds, is_on_rods
 from multirod.models.network.graph import DRIVEN, PUSHED, Graph
+from multirod.models.network.joining.cutting import too_long
 from multirod.models.network.joining.reach import NetworkReach
 from multirod.models.network.places import blocks_of, input_places, place_of_all
-from multirod.models.network.poses import frames_of, pushed_axes
+from multirod.models.network.poses import body_poses, pushed_axes
 from multirod.models.network.stability.clamps import NetworkClamps
 from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.models.network.stability.form_rows import FormRows
@@ -83,12 +84,12 @@ class NetworkProblem(BoundaryProblem):
     ) -> None:
         self.graph, self.end_effector, self.pieces = graph, end_effector, pieces
         self.effector_frame: FloatArray = np.eye(4) if effector_frame is None else effector_frame
-        self.rod_count, self.body_count = len(graph.rods), len(graph.bodies)
+        self.rod_count, self.body_count = len(graph.rods), len(graph.moving)
         if pieces > 1:
             direction_count = 3 * (pieces - 1) * self.rod_count
         self.entries = entries = graph.entries
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
-        self.effector_rod = None if end_effector < self.body_count else graph.slides.of(end_effector - self.body_count)[-1]
+        self.effector_rod = graph.effector_rod(end_effector)
         self._slices = input_places(graph)
         self.driven_place, self.pushed_place = (place_of_all(self._slices, names) for names in (DRIVEN, PUSHED))
         super().__init__(
@@ -110,13 +111,8 @@ class NetworkProblem(BoundaryProblem):
             "direction_count": direction_count,
             "enabled": tuple(enabled),
         }
-        options = {
-            "integrator": integrator,
-            "device": device,
-            "lengths": lengths,
-            "design": design,
-            "enabled": along(inputs, enabled),
-        }
+        acting = along(inputs, enabled)
+        options = {"integrator": integrator, "device": device, "lengths": lengths, "design": design, "enabled": acting}
         count, shape = self.instance_count, self.batch_shape
         self.layout = graph.layout
         drives = self._slices[ALONG[-1]].stop
@@ -192,7 +188,7 @@ class NetworkProblem(BoundaryProblem):
 
     @property
     def segments_refused(self) -> str:  # noqa: D102
-        return "it is a network, whose rods are not cut into segments yet: take Shooting, Observer or EnergyDescent"
+        return "it is a network: cut its rods by mr.Network(..., segments={...}), for Shooting, Observer or EnergyDescent"
 
     @property
     def parts(self) -> NetworkParts:  # noqa: D102
@@ -360,8 +356,7 @@ class NetworkProblem(BoundaryProblem):
     def body_poses(self) -> tuple[FloatArray, FloatArray]:
         """Position (instance_count, body, 3) and rotation (instance_count, body, 3, 3) at ``unknowns``: of the bodies that move,
         then of those that are fixed."""
-        frames = frames_of(self)
-        return frames.position[:, 1:], frames.rotation[:, 1:]
+        return body_poses(self)
 
     def pushed_axes(self) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         return pushed_axes(self)
@@ -378,6 +373,9 @@ class NetworkProblem(BoundaryProblem):
     @property
     def natural_gamma(self) -> FloatArray:  # noqa: D102
         return self.closing.natural_gamma()
+
+    def too_long(self, instance: int) -> str:  # noqa: D102
+        return too_long(self, instance)
 
     def loose(self) -> list[str]:  # noqa: D102
         return self.closing.loose()

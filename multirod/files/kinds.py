@@ -87,7 +87,7 @@ UNITS = {
     "at": "m",
 }
 EQUAL = ("bending_stiffness", "shear_stiffness", "foundation")  # one number for all their axes will do
-BY_NAME = (("Body", "frames"),)  # arguments that are mappings of names to numbers
+BY_NAME = (("Body", "frames"), ("Network", "segments"))  # arguments that are mappings of names to numbers
 OF_A_KIND = ("Joint",)  # that has an argument of this name: its table needs no class, which goes without saying
 NO_IDENTITY = {"HeldRod": "end", "Body": "pose"}  # poses that are none by default, where others are the identity
 
@@ -196,6 +196,7 @@ READERS: dict[str, dict[str, Callable[[Any], Any]]] = {
         "rods": _rods,
         "end_effector": _end_effector,
         "driven": lambda robot: None if robot.driven is None else list(robot.driven),
+        "segments": lambda robot: dict(robot.graph.segments) or None,
     },
     "Body": {"frames": lambda body: body.frames or None},
     "Joint": {

@@ -167,6 +167,12 @@ class Offers(Buffers):
             result[k] = len(neutral) > 0 and np.abs(neutral[:, others]).max() < STILL
         return result
 
+    def too_long(self, instance: int) -> str:
+        """Which rods of an instance that was not solved are too long, soft and loaded to be integrated in one, and what to do, as
+        the end of a message; empty if none is known to be."""
+        del instance
+        return ""
+
     def loose(self) -> list[str]:
         """Of each instance the body that moves most, by its name, where the assembly moves at rest and without loads though no
         rod is bent, a mechanism; ``""`` where it does not. It integrates nothing if ``guess`` was called."""

@@ -360,9 +360,12 @@ class Solution(Asked, Wrenches[Robot_co]):
 
     def _named(self, status: Status, instance: int) -> str:
         """Which part of the assembly it is, where there are several, as the end of a message."""
-        if status not in (Status.LOOSE, Status.OUT_OF_REACH):
+        sensitive = status in (Status.STALLED, Status.MAX_ITERATIONS, Status.INTEGRATION_LIMIT)
+        if not sensitive and status not in (Status.LOOSE, Status.OUT_OF_REACH):
             return ""
         with self._problem() as problem:
+            if sensitive:
+                return problem.too_long(instance)
             if status is Status.OUT_OF_REACH:
                 return problem.reach.said(instance) if problem.reach is not None else ""
             name = problem.loose()[instance]

@@ -87,8 +87,11 @@ class Eliminated:
         matrix, z = self._elimination.matrix(numbers), self._signs
         bound, power = UNLIKE, 0
         while bound > enough and power < most:
-            z = matrix @ factors.solve(z) - centre * z
+            with np.errstate(over="ignore"):
+                z = matrix @ factors.solve(z) - centre * z
+                total = float(np.sum(z * z)) / PROBES
             power += 1
-            total = float(np.sum(z * z)) / PROBES
-            bound = min(bound, total ** (0.5 / power)) if np.isfinite(total) else bound
+            if not np.isfinite(total):
+                break
+            bound = min(bound, total ** (0.5 / power))
         return bound

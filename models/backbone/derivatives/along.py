@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from multirod.launch import record
 from multirod.models.backbone.derivatives.along_kernels import curvatures, poses
@@ -176,6 +177,12 @@ class Along:
         columns, arms = ({name: of_member(own, count, place) for name, own in each.items()} for each in (self.columns, self.arms))
         return replace(self, columns=columns, arms=arms)
 
+    def where(self, there: NDArray[np.bool_], other: Self) -> Self:
+        """This, with what another tells at some places, (b, count)."""
+        columns = {name: np.where(there[..., None, None], other.columns[name], own) for name, own in self.columns.items()}
+        arms = {name: np.where(there[..., None], other.arms[name], own) for name, own in self.arms.items()}
+        return replace(self, columns=columns, arms=arms)
+
     def carry(self, there: slice) -> None:
         """(D10) In place: columns by a pose that all moves and turns with."""
         if "position" in self.columns:
@@ -204,6 +211,10 @@ class PosesAlong(Along):
     """
 
     rotation: FloatArray
+
+    def where(self, there: NDArray[np.bool_], other: Self) -> Self:  # noqa: D102
+        rotation = np.where(there[..., None, None], other.rotation, self.rotation)
+        return replace(super().where(there, other), rotation=rotation)
 
     def at(self, base: FloatArray) -> PosesSensed:
         """From bases at positions in the world (b or 1, 3)."""

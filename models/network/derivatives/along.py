@@ -1,12 +1,15 @@
 """How the rods of a network vary along themselves. Numbers in parentheses are those of ``docs/derivatives.md``."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from multirod.models.backbone.derivatives.along import Along, AlongPass, PosesAlong, along_member, of_member
+from multirod.models.backbone.derivatives.along import Along, AlongPass, PosesAlong, Told, along_member, of_member
 from multirod.models.backbone.derivatives.designs import POSE
+from multirod.models.backbone.derivatives.ends import MOVED_BY
 from multirod.models.network.derivatives.designs import Aim, by_numbers
 from multirod.models.network.elements.elements import TURNING
 from multirod.models.network.places import FIXED
@@ -19,29 +22,84 @@ if TYPE_CHECKING:
     from multirod.models.network.elements.groups import RodGroup
     from multirod.models.network.problem import NetworkProblem
 
+AT_BASE = 1e-12  # of the length, that a place at the base of a piece is behind it, where a step may end
 
-def find_rod(problem: "NetworkProblem", rod: int) -> tuple["RodGroup", int, int]:
-    """Of a rod or tube, counted as results count them: what integrates it, where among its members, and which of its tubes.
+
+@dataclass(frozen=True)
+class Member:
+    """A piece of a rod or tube that is asked about: what integrates it, where among its members, and which of its tubes."""
+
+    group: "RodGroup"
+    place: int
+    tube: int
+
+    @property
+    def piece(self) -> int:
+        """Its number among all pieces."""
+        return int(self.group.members[self.place])
+
+
+def find_rod(problem: "NetworkProblem", names: Sequence[str], rod: int) -> list[Member]:
+    """The pieces of a rod or tube, counted as results count them, from its base; ``names`` are by what it is asked to vary.
 
     Raises:
-        NotImplementedError: If it slides through holes.
+        NotImplementedError: If it slides through holes; or if it is cut into segments whose ends these move.
     """
     graph = problem.graph
     whole = int(np.searchsorted(graph.first_tube, rod, side="right")) - 1
-    pieces = graph.slides.of(whole)
-    if len(pieces) > 1:
+    pieces, tube = graph.slides.of(whole), rod - int(graph.first_tube[whole])
+    if graph.slides.sliding[pieces[0]]:
         name = graph.whole_names[whole]
         raise NotImplementedError(f"derivatives along {name!r} are not known: it slides through holes, its arclengths with it")
-    group = next(group for group in problem.groups if pieces[0] in group.members)
-    return group, int(np.flatnonzero(group.members == pieces[0])[0]), rod - int(graph.first_tube[whole])
+    if len(pieces) > 1 and (moved := [name for name in names if name in MOVED_BY]):
+        name = graph.whole_names[whole]
+        raise NotImplementedError(f"derivatives along {name!r} by {moved[0]} are not known: it moves the ends of its segments")
+    found = []
+    for piece in pieces:
+        group = next(group for group in problem.groups if piece in group.members)
+        found.append(Member(group, int(np.flatnonzero(group.members == piece)[0]), tube))
+    return found
+
+
+def on_piece(problem: "NetworkProblem", piece: int, places: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """(43) of ``docs/networks.md``: rising arclengths (instance_count, count) of a rod as those of one of its pieces, and which
+    are there; in the place of the others stand some that rise too."""
+    slides, (count, size) = problem.graph.slides, places.shape
+    if not slides.cut[piece]:
+        return places, np.ones(places.shape, dtype=bool)
+    pushed = problem.read("inputs")[:, problem.input_slice("translation")][:, problem.graph.first_tube[slides.owner[piece]]]
+    length = problem.length[:, piece, None] + slides.share[piece] * pushed[:, None]
+    last, number = int(slides.pieces[piece]) - 1, int(slides.order[piece])
+    which = np.clip(np.floor(places / length), 0, last)
+    own, local = which == number, np.maximum(places - number * length, AT_BASE * length)
+    below, above = ((values).sum(axis=1, keepdims=True) for values in (which < number, which > number))
+    there = own.any(axis=1, keepdims=True)
+    start = np.where(there, np.where(own, local, np.inf).min(axis=1, keepdims=True), 0.5 * length)
+    end = np.where(there, np.where(own, local, 0.0).max(axis=1, keepdims=True), 0.5 * length)
+    order = np.broadcast_to(np.arange(size), (count, size))
+    before = start * (order + 1) / (below + 1)
+    behind = end + (length - end) * (order - size + above + 1) / np.maximum(above, 1)
+    return np.where(own, local, np.where(which < number, before, behind)), own
+
+
+def merged(told: "Sequence[tuple[Told, NDArray[np.bool_]]]") -> "Told":
+    """What is told of a rod by its pieces, each with which of its places are on it, (instance_count, count)."""
+    result, _ = told[0]
+    for other, own in told[1:]:
+        result = result.where(own, other)
+    return result
 
 
 def columns_along(problem: "NetworkProblem", names: Sequence[str], rod: int, places: FloatArray) -> dict[str, FloatArray]:
     """(D21) What ``NetworkProblem.along`` returns."""
-    group, place, tube = find_rod(problem, rod)
+    members = find_rod(problem, names, rod)
     problem.hand_over()
-    found = along_member(group.backbones, tube, place, places)
-    return of_network(problem, problem.aim_of(names), group, place, found).columns
+    told = []
+    for own in members:
+        local, there = on_piece(problem, own.piece, places)
+        found = along_member(own.group.backbones, own.tube, own.place, local)
+        told.append((of_network(problem, problem.aim_of(names), own.group, own.place, found), there))
+    return merged(told).columns
 
 
 def of_network(problem: "NetworkProblem", aim: Aim, group: "RodGroup", place: int, found: Along) -> Along:
@@ -149,40 +207,58 @@ class NetworkSensing:
     """
 
     def __init__(self, problem: "NetworkProblem", places: FloatArray, launches: Sequence[Any]) -> None:
-        self.problem = problem
+        self.problem, self._places = problem, np.asarray(places)
         self._passes: list[AlongPass] = [group.backbones.derivatives.sensing(places) for group in problem.groups]
         self._launches = list(launches)
         self._launches[2:-1:3] = self._passes
 
     def launch(self) -> None:
         """Integrate."""
-        self.problem.integrate_by(self._launches)
+        problem = self.problem
+        if problem.graph.segments:  # how long these are may have changed
+            places = np.broadcast_to(self._places, (problem.instance_count, len(self._places)))
+            for group, own in zip(problem.groups, self._passes, strict=True):
+                local = [on_piece(problem, piece, places)[0] for piece in group.members.tolist()]
+                own.place(np.stack(local, axis=1).reshape(-1, len(self._places)))
+        problem.integrate_by(self._launches)
 
     def curvature(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
         """Of the last launch, as ``Sensing`` says."""
-        problem = self.problem
-        group, place, tube = find_rod(problem, rod)
-        found = self._passes[problem.groups.index(group)].curvature(tube)
-        curvature, columns = (of_member(values, problem.instance_count, place) for values in found)
+        problem, told = self.problem, []
         aim = problem.aim_of(names)
-        base, _, turn = base_columns(problem, aim, int(group.members[place]))
-        columns = by_network(problem, aim, group, place, columns, np.swapaxes(base, 1, 2) @ turn)
-        at_rates(problem, aim, columns)
-        return curvature, columns
+        for own in find_rod(problem, names, rod):
+            bent = self._pass(own).curvature(own.tube)
+            curvature, columns = (of_member(values, problem.instance_count, own.place) for values in bent)
+            base, _, turn = base_columns(problem, aim, own.piece)
+            columns = by_network(problem, aim, own.group, own.place, columns, np.swapaxes(base, 1, 2) @ turn)
+            at_rates(problem, aim, columns)
+            told.append((Along({"curvature": columns}, {"curvature": np.array(curvature)}), self._on(own)))
+        found = merged(told)
+        return found.arms["curvature"], found.columns["curvature"]
 
     def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
         """Of the last launch, as ``Sensing`` says."""
-        problem = self.problem
-        group, place, tube = find_rod(problem, rod)
-        found = self._passes[problem.groups.index(group)].poses(tube).of_member(problem.instance_count, place)
-        told = of_network(problem, problem.aim_of(names), group, place, found)
-        base = problem.state().ends[0].rotation[:, int(group.members[place]), None]
-        return PosesAlong(told.columns, told.arms, base @ found.rotation).at(ground_of(problem)[0])
+        problem, told = self.problem, []
+        for own in find_rod(problem, names, rod):
+            found = self._pass(own).poses(own.tube).of_member(problem.instance_count, own.place)
+            along = of_network(problem, problem.aim_of(names), own.group, own.place, found)
+            base = problem.state().ends[0].rotation[:, own.piece, None]
+            told.append((PosesAlong(along.columns, along.arms, base @ found.rotation), self._on(own)))
+        return merged(told).at(ground_of(problem)[0])
 
     def wrench(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
         """Of the last launch, as ``Sensing`` says."""
-        problem = self.problem
-        group, place, _ = find_rod(problem, rod)
-        found = self._passes[problem.groups.index(group)].wrenches().of_member(problem.instance_count, place)
-        told = of_network(problem, problem.aim_of(names), group, place, found)
-        return told.arms["wrench"], told.columns["wrench"]
+        problem, told = self.problem, []
+        for own in find_rod(problem, names, rod):
+            found = self._pass(own).wrenches().of_member(problem.instance_count, own.place)
+            told.append((of_network(problem, problem.aim_of(names), own.group, own.place, found), self._on(own)))
+        found = merged(told)
+        return found.arms["wrench"], found.columns["wrench"]
+
+    def _pass(self, own: Member) -> AlongPass:
+        return self._passes[self.problem.groups.index(own.group)]
+
+    def _on(self, own: Member) -> NDArray[np.bool_]:
+        """Which places are on a piece, (instance_count, count)."""
+        places = np.broadcast_to(self._places, (self.problem.instance_count, len(self._places)))
+        return on_piece(self.problem, own.piece, places)[1]

@@ -140,7 +140,7 @@ class Aim:
         start = problem.input_slice("translation").start
         for columns in self.every:
             if columns.name == "length":  # a rod that slides through holes is pushed out of its base by as much
-                for rod in np.flatnonzero(graph.slides.cut).tolist():
+                for rod in np.flatnonzero(graph.slides.sliding).tolist():
                     directions[:, columns.start, start + graph.first_tube[graph.slides.owner[rod]]] = 1.0
         problem.directions.assign(directions)
         problem.networks.moved.assign(moved)
@@ -175,6 +175,8 @@ class Aim:
         rows = rows.reshape(self.problem.instance_count, len(group.members), *rows.shape[1:])
         if name in AROUND:
             rows = rows * self.problem.graph.embeddable[group.members, None, None]
+        if name == "length":  # (43)
+            rows = rows * self.problem.graph.slides.share[group.members, None, None]
         return self.padded(group, rows, name)
 
     def padded(self, group: RodGroup, rows: FloatArray, name: str) -> FloatArray:

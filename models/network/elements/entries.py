@@ -65,7 +65,7 @@ class Entries:
         layout = graph.layout
         self.variables, self.first_hole = _variables(graph)
         self.first_pose = self.first_hole + graph.slides.count
-        bodies = len(graph.bodies)
+        bodies = len(graph.moving)
         self.size = n = self.first_pose + POSE * bodies
         rows, columns = self.variables[:, :, None], self.variables[:, None]
         entries = np.where((rows < 0) | (columns < 0), -1, rows * n + columns).reshape(-1)

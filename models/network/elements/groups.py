@@ -71,7 +71,7 @@ class RodGroup:
     ) -> None:
         self.members: NDArray[np.intp] = np.array(members)
         self.turns = bool(options["enabled"]) and bool(moving[self.members].any())
-        self.slides = bool(graph.slides.cut[self.members].any())
+        self.slides = bool(graph.slides.sliding[self.members].any())
         arrays = stack([graph.arrays[k].repeated(batch_shape) for k in members], batch_shape)
         first = graph.rods[members[0]]
         self.drive = first_drive + graph.drive[self.members, : len(graph.drives[members[0]])]

@@ -26,6 +26,7 @@ class Networks:
 
     rod_count: int
     body_count: int
+    given_bodies: int  # the first of them, on which inputs act; the others are between segments
     unknown_count: int
     direction_count: int
     first_pose: int

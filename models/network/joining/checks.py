@@ -1,4 +1,4 @@
-"""Which joint holds which end, and through which holes rods slide: what is no network is refused."""
+"""Which joint holds which end, through which holes rods slide, and which are cut: what is no network is refused."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -12,7 +12,7 @@ from multirod.models.network.joining.joints import SLIDING, Joint
 from multirod.models.network.joining.sliding import uniform
 from multirod.naming import meant
 from multirod.rod import Rod
-from multirod.validation import Described, refuse
+from multirod.validation import Described, positive_int, refuse
 
 
 def joints_by_end(joints: Sequence[Joint], rods: Mapping[str, object], bodies: Sequence[Body]) -> dict[tuple[str, str], Joint]:
@@ -60,6 +60,27 @@ def holes_by_rod(joints: Sequence[Joint], rods: Mapping[str, object]) -> dict[st
         if rod.carried:
             refuse(f"Network.rods[{name!r}]", rod, "must have no members and no lines: it slides through holes")
     return found
+
+
+def segments_by_rod(given: Mapping[str, int] | None, rods: Mapping[str, object], slid: Iterable[str]) -> dict[str, int]:
+    """Into how many segments rods are cut, by name; ``slid`` are those that slide through holes."""
+    if given is not None and not isinstance(given, Mapping):
+        raise TypeError(f"Network.segments = {given!r} is not allowed: must be a mapping of names of rods to numbers of segments")
+    for name, count in (given or {}).items():
+        if name not in rods:
+            hint = meant(name, rods) if isinstance(name, str) else ""
+            refuse("Network.segments", name, f"must be by names of rods, of {', '.join(map(repr, rods))}{hint}")
+        positive_int(f"Network.segments[{name!r}]", count)
+        rod, why = rods[name], "it is cut into segments"
+        if not isinstance(rod, Rod):
+            refuse(f"Network.rods[{name!r}]", rod, f"must be a Rod: {why}")
+        if not uniform(rod):
+            refuse(f"Network.rods[{name!r}]", rod, f"must be the same all along, of one section: {why}")
+        if rod.carried:
+            refuse(f"Network.rods[{name!r}]", rod, f"must have no members and no lines: {why}")
+        if name in slid:
+            refuse(f"Network.segments[{name!r}]", count, "must not be given: it slides through holes, and is cut there")
+    return {name: int(count) for name, count in (given or {}).items()}
 
 
 def joints_by_name(joints: Iterable[Joint]) -> dict[str, Joint]:

@@ -25,6 +25,7 @@ class Placing:
         tables: The joints.
         angles: At which they are, (instance or 1, rod, 3): those that are driven where they are, others at rest.
         given: Pose of each body in the world, (instance, 4, 4), where it is given.
+        between: Which bodies are between the segments of a rod, shape (body_count,).
     """
 
     frames: list[NDArray[np.intp]]
@@ -32,13 +33,15 @@ class Placing:
     tables: list[JointTable]
     angles: list[FloatArray]
     given: list[FloatArray | None]
+    between: NDArray[np.bool_]
 
 
 def placed(at: Placing, tip: FloatArray, turn: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(13) Position and rotation of the ground, then of every body, that fit rods best whose tips are at ``tip`` (instance, rod,
     3) and turned by ``turn`` (instance, rod, 3, 3) in the frames of their bases, joints at rest, or where they are driven to.
 
-    A body is placed by the rods that lead to it from what is placed already.
+    A body is placed by the rods that lead to it from what is placed already; (43) what is between their segments is placed first,
+    so that a rod leads as far as if it were in one.
     """
     count, bodies = len(tip), len(at.given)
     position, rotation = np.zeros((count, bodies + 1, 3)), np.zeros((count, bodies + 1, 3, 3))
@@ -49,20 +52,20 @@ def placed(at: Placing, tip: FloatArray, turn: FloatArray) -> tuple[FloatArray, 
         if pose is not None:
             position[:, body], rotation[:, body], known[body] = pose[:, :3, 3], pose[:, :3, :3], True
     while not known.all():
-        before = known.copy()
-        for k in np.flatnonzero(~before).tolist():
-            reached = [
-                (end, rod)
-                for end in (0, 1)
-                for rod in np.flatnonzero(at.frames[end] == k).tolist()
-                if at.frames[1 - end][rod] >= 0 and before[at.frames[1 - end][rod]]
-            ]
-            if reached:
-                position[:, k], rotation[:, k] = _fitted(at, reached, position, rotation, tip, turn)
-                known[k] = True
-        if (known == before).all():  # what nothing leads to is refused before
+        ahead = {k: own for k in np.flatnonzero(~known).tolist() if (own := _leading(at, k, known))}
+        if not ahead:  # what nothing leads to is refused before
             raise ValueError("a body is not joined to the ground")
+        first = [k for k in ahead if at.between[k - 1]] or list(ahead)
+        for k in first:
+            position[:, k], rotation[:, k] = _fitted(at, ahead[k], position, rotation, tip, turn)
+        known[first] = True
     return position, rotation
+
+
+def _leading(at: Placing, body: int, known: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Which rods lead to a body from what is ``known``, and by which of their ends."""
+    ends = [(end, rod) for end in (0, 1) for rod in np.flatnonzero(at.frames[end] == body).tolist()]
+    return [(end, rod) for end, rod in ends if (other := at.frames[1 - end][rod]) >= 0 and known[other]]
 
 
 def _fitted(

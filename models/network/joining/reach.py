@@ -21,20 +21,20 @@ TOGETHER = 1024  # instances at once: distances of all points from all that are 
 class NetworkReach(Reach):
     """Of a ``NetworkProblem`` at its inputs: the shortest ways between the points that hold rods.
 
-    Points are the ends of all pieces, bases before tips, of which those at holes count for nothing: what does not reach a hole is
-    pulled out of it. Rods that stretch, and ends that slide freely, bound nothing.
+    Points are the ends of all pieces, bases before tips, of which those at holes and between segments count for nothing: what
+    does not reach a hole is pulled out of it. Rods that stretch, and ends that slide freely, bound nothing.
     """
 
     def __init__(self, problem: "NetworkProblem") -> None:
         self.problem, graph = problem, problem.graph
-        ends = np.concatenate([graph.slides.first, graph.slides.upper < 0])
+        ends = np.concatenate([graph.slides.first, graph.slides.last])
         self.stand = np.where(ends, np.concatenate([end.stand for end in graph.ends]), FREE)
         self.known = np.flatnonzero(ends & (np.concatenate([end.frame for end in graph.ends]) == GROUND))
         pieces = [graph.slides.of(rod) for rod in range(len(graph.whole))]
         pairs = np.array([(own[0], own[-1] + len(graph.rods)) for own in pieces])
         self.rods = np.flatnonzero((self.stand[pairs] != FREE).all(axis=1))  # that are held at both ends
         self.pairs = pairs[self.rods]  # and these, shape (k, 2)
-        self.bodies = _of_one_size([np.flatnonzero(self.stand == 1 + k) for k in range(len(graph.bodies))])
+        self.bodies = _of_one_size([np.flatnonzero(self.stand == 1 + k) for k in range(len(graph.moving))])
         self._found: tuple[FloatArray, NDArray[np.bool_]] | None = None  # by what was read of the inputs
 
     def exceeded(self) -> NDArray[np.bool_]:

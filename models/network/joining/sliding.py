@@ -1,4 +1,4 @@
-"""Rods that slide through holes: where they are cut, how long their pieces are, and what lets them slide.
+"""Rods in pieces: where they are cut at holes and into segments, how long pieces are, and what lets them slide.
 
 Numbers in parentheses are those of ``docs/networks.md``.
 """
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.network.joining.bodies import Body
 from multirod.models.network.joining.joints import Joint
 from multirod.read_only import changed
 from multirod.rod import Rod
@@ -25,30 +26,49 @@ NONE = -1  # in the place of a hole
 
 
 class Slides:
-    """The pieces of all rods, which are cut at the holes through which they slide; one that does not is one piece.
+    """The pieces of all rods, which are cut at the holes through which they slide, or into segments; else one is one piece.
 
     Args:
         names: Of the rods.
         lengths: Theirs [m].
         holes: Of some rods, from the base to the tip.
+        segments: (43) Of some others, how many.
 
     Attributes:
         owner: The rod of each piece, shape (piece_count,).
+        order: Which of the pieces of its rod it is, from the base, shape (piece_count,).
+        between: What segments are clamped to, bodies without mass.
         holes: All of them, in the order of the pieces below them.
         lower, upper: The hole at the base and at the tip of each piece, ``NONE`` where there is none, shape (piece_count,).
         share: (20) Part of its rod that each piece has where unknowns are zero, shape (piece_count,).
         pieces: How many its rod has, shape (piece_count,).
     """
 
-    def __init__(self, names: Sequence[str], lengths: Sequence[float], holes: Mapping[str, Sequence[Joint]]) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        lengths: Sequence[float],
+        holes: Mapping[str, Sequence[Joint]],
+        segments: Mapping[str, int],
+    ) -> None:
         owner: list[int] = []
         lower: list[int] = []
         upper: list[int] = []
         share: list[float] = []
         pieces: list[int] = []
         self.holes: list[Joint] = []
+        self.between: list[Body] = []
+        self._clamps: dict[tuple[int, str], Joint] = {}
         for rod, (name, length) in enumerate(zip(names, lengths, strict=True)):
             own = list(holes.get(name, ()))
+            if (count := segments.get(name, 1)) > 1:
+                self._clamp(name, len(owner), count)
+                owner += [rod] * count
+                lower += [NONE] * count
+                upper += [NONE] * count
+                share += [1 / count] * count
+                pieces += [count] * count
+                continue
             first = len(self.holes)
             numbers = list(range(first, first + len(own)))
             self.holes += own
@@ -61,6 +81,15 @@ class Slides:
         self.owner, self.lower, self.upper = (np.array(values, dtype=np.intp) for values in (owner, lower, upper))
         self.pieces: NDArray[np.intp] = np.array(pieces, dtype=np.intp)
         self.share: FloatArray = np.array(share)
+        self.order: NDArray[np.intp] = np.arange(len(owner)) - np.searchsorted(self.owner, self.owner)
+
+    def _clamp(self, name: str, first: int, count: int) -> None:
+        """(43) Bodies between the segments of a rod, of which ``first`` is the number of the first piece."""
+        for k in range(1, count):
+            body = Body(f"{name}, between segments {k - 1} and {k}")
+            self.between.append(body)
+            self._clamps[first + k - 1, "tip"] = Joint(name, "tip", to=body)
+            self._clamps[first + k, "base"] = Joint(name, "base", to=body)
 
     @property
     def count(self) -> int:
@@ -83,12 +112,22 @@ class Slides:
     @property
     def first(self) -> NDArray[np.bool_]:
         """Whether a piece begins at the base of its rod, shape (piece_count,)."""
-        return np.asarray(self.lower == NONE)
+        return np.asarray(self.order == 0)
+
+    @property
+    def last(self) -> NDArray[np.bool_]:
+        """Whether it ends at the tip, shape (piece_count,)."""
+        return np.asarray(self.order == self.pieces - 1)
 
     @property
     def cut(self) -> NDArray[np.bool_]:
         """Whether a piece is not the whole rod, shape (piece_count,)."""
         return np.asarray(self.pieces > 1)
+
+    @property
+    def sliding(self) -> NDArray[np.bool_]:
+        """Whether its rod slides through holes, shape (piece_count,)."""
+        return np.isin(self.owner, self.owner[(self.lower != NONE) | (self.upper != NONE)])
 
     def of(self, rod: int) -> list[int]:
         """Pieces of a rod, from its base."""
@@ -96,22 +135,21 @@ class Slides:
 
     def names(self, names: Sequence[str]) -> tuple[str, ...]:
         """Of the pieces, by those of the rods."""
-        count = np.bincount(self.owner, minlength=len(names))
-        order = [k - self.of(rod)[0] for k, rod in enumerate(self.owner.tolist())]
-        return tuple(
-            names[rod] if count[rod] == 1 else f"{names[rod]}, piece {k}"
-            for k, rod in zip(order, self.owner.tolist(), strict=True)
-        )
+        each = zip(self.order.tolist(), self.pieces.tolist(), self.owner.tolist(), strict=True)
+        return tuple(names[rod] if count == 1 else f"{names[rod]}, piece {k}" for k, count, rod in each)
 
     def joint(self, piece: int, end: Literal["base", "tip"], given: Joint | None) -> Joint | None:
         """What holds an end of a piece: a hole, or what is ``given`` for that end of its rod."""
-        source = self.source(piece, end, given)
-        return source if source is given or source is None else source.around(end)
+        hole = self._hole(piece, end)
+        return self._clamps.get((piece, end), given) if hole == NONE else self.holes[hole].around(end)
 
     def source(self, piece: int, end: str, given: Joint | None) -> Joint | None:
-        """The joint there as it was given."""
-        hole = (self.lower if end == "base" else self.upper)[piece]
-        return given if hole == NONE else self.holes[hole]
+        """The joint there as it was given; between segments a clamp."""
+        hole = self._hole(piece, end)
+        return self._clamps.get((piece, end), given) if hole == NONE else self.holes[hole]
+
+    def _hole(self, piece: int, end: str) -> int:
+        return int((self.lower if end == "base" else self.upper)[piece])
 
     @property
     def shared(self) -> NDArray[np.bool_]:
@@ -122,6 +160,11 @@ class Slides:
 def uniform(rod: Rod) -> bool:
     """Whether a rod is the same all along: of one section, whose precurvature is no function of arclength."""
     return len(rod.sections) == 1 and isinstance(rod.sections[0].precurvature, np.ndarray)
+
+
+def may_be_cut(rods: Sequence[Rod], holes: Sequence[Joint] | None) -> bool:
+    """Whether a rod, or tubes in each other, may be cut into segments."""
+    return len(rods) == 1 and not holes and uniform(rods[0]) and not rods[0].carried
 
 
 def piece(rod: Rod, count: int) -> Rod:

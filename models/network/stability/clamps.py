@@ -62,7 +62,8 @@ class NetworkClamps(Clamps):
 
     def give(self) -> FloatArray:  # noqa: D102
         problem, n = self.problem, self.problem.unknown_count
-        rotation = problem.read("inputs")[:, problem.input_slice("rotation")]
+        slides = problem.graph.slides
+        rotation = problem.read("inputs")[:, problem.input_slice("rotation")][:, slides.owner] * slides.first
         result = np.zeros((problem.instance_count, n, n))
         for rod in np.flatnonzero(problem.graph.ends[1].held).tolist():
             gap, force = problem.places[rod, GAP_AT], problem.places[rod, OWN - 3 : OWN]

@@ -350,15 +350,16 @@ class NetworkStability(StabilityAnalysis):
         moved = state.ends[0].position - begin[:, first]
         total -= (carried * moved).sum(axis=(1, 2))
         force, weight = forces_on(problem, state)
-        tips_at = slice(problem.body_count, problem.body_count + len(graph.free))
+        given = len(graph.bodies)
+        tips_at = slice(given, given + len(graph.free))
         on_tips, on_bodies = force[:, tips_at], np.delete(force, tips_at, axis=1)
         for frames, sense in ((state.frames, 1.0), (zero.frames, -1.0)):
             position, rotation = frames.position[:, frames.moving], frames.rotation[:, frames.moving]
             centre = position + np.einsum("bkij,kj->bki", rotation, graph.mass_centre)
             total -= sense * (weight * centre).sum(axis=(1, 2))
             framed = position[:, graph.framed] + np.einsum("bkij,kj->bki", rotation[:, graph.framed], graph.frame_poses[:, :3, 3])
-            total -= sense * (on_bodies * np.concatenate([position, framed], axis=1)).sum(axis=(1, 2))
-        tips = tip_position[:, graph.free] - begin[:, graph.free]
+            total -= sense * (on_bodies * np.concatenate([position[:, :given], framed], axis=1)).sum(axis=(1, 2))
+        tips = tip_position[:, graph.free] - begin[:, first[graph.free]]
         total -= (on_tips * tips).sum(axis=(1, 2))
         return np.where(self.has_potential, total, np.nan)
 
