@@ -142,7 +142,7 @@ ROBOTS = {
         ],
         end_effector=("plate", "tool"),
     ),
-    "network in a batch": lambda: network(base=[TURNED, np.eye(4)]),
+    "network in a batch": lambda: network(base=[TURNED, np.eye(4)], segments={"feeler": 3}),
     "network of tubes": lambda: network(rod=mr.ConcentricTubes(TUBES)),
 }
 
@@ -220,7 +220,7 @@ def test_the_robots_tried_have_all_that_a_file_may_hold():
     shown["Section"] |= {"precurvature"}
     without_unit = {"name", "driven", "friction", "area_fixed", "joints", "joint_axes", "route", "members", "loads"}
     without_unit |= {"joint", "joint_axis", "slide", "base_joint", "base_joint_axis"}
-    without_unit |= {"end_effector", "rod", "end", "to", "kind", "axis", "fixed", "frames"}
+    without_unit |= {"end_effector", "rod", "end", "to", "kind", "axis", "fixed", "frames", "segments"}
     for kind in (*kinds.ROBOTS, *kinds.LINES, "Rod", "Section", "Body", "Joint"):
         arguments = set(kinds.parameters(kinds.CLASSES[kind]))
         only_default = {"driven"} if kind == "PushRod" else set()  # which has no other value
