@@ -136,6 +136,16 @@ def pulled(count: int) -> mr.Network:
     return mr.Network(rods={"cable": CABLE}, bodies=[plate], joints=joints, segments={"cable": count})
 
 
+def test_it_does_not_matter_into_how_many_segments() -> None:
+    found = []
+    for count in (1, 2, 5):
+        robot = pulled(count)
+        found.append(mr.solve(robot, robot.inputs(force={"plate": (15.0, 5.0, 8.0)}), progress=False).raise_if_failed())
+    for other in found[1:]:
+        # by RK45 as it is by default
+        assert other.tip_position == pytest.approx(found[0].tip_position, abs=1e-7)
+
+
 def test_a_pulled_cable_is_that_of_multiple_shooting() -> None:
     robot, alone = pulled(8), mr.SingleRod(CABLE)
     cut = mr.solve(robot, robot.inputs(force={"plate": (500.0, 0.0, 150.0)}), progress=False)
