@@ -406,6 +406,22 @@ def test_legs_that_turn_at_the_platform_promise_nothing():
     assert mr.explain(robot, inputs)["gravity"].error == inf
 
 
+@pytest.mark.parametrize("height", [0.0, 0.3])
+def test_the_weight_of_a_platform_acts_where_its_mass_is(height):
+    """Two legs abreast and gravity across both: they bend as one cantilever, under a force and its moment."""
+    leg = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015)
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[:, 1, 3] = 0.001, -0.001
+    robot = mr.ParallelRods(legs=[leg] * 2, base=poses, platform=poses, platform_mass=0.004, platform_centre=(0, 0, height))
+    inputs = robot.inputs(gravity=(9.81, 0, 0))
+    force, bending = 0.004 * 9.81, 2 * 0.02
+    moved = (force * 0.3**3 / 3 + force * height * 0.3**2 / 2) / bending / 0.3
+    found = mr.explain(robot, inputs)["gravity"]
+    assert moved < found.error < 2 * moved  # what is estimated is larger by how far off attachments are, and by what it adds up
+    heavy = mr.solve(robot, inputs).raise_if_failed().tip_position[0] / 0.3
+    assert 0.9 * moved < heavy < found.error  # rotations of a few hundredths
+
+
 def pushed_legs():
     """Legs that no load acts on, pushed against each other."""
     made = {"bending_stiffness": (0.02, 0.03), "torsional_stiffness": 0.015, "shear_stiffness": 30.0, "axial_stiffness": 60.0}

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
 OWN_AXIS = (0.0, 0.0, 1.0)  # of a leg: what its tip turns about where nothing else is said
 PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same distributed along the rod
+PLATFORM_MOMENT = 3 / 2  # times its lever over the length: the moment of that weight about the tip against the weight
 CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
 
 
@@ -243,13 +244,17 @@ class ParallelRods(Assembly):
             values |= {name: getattr(inputs, name) / legs for name in kernels.PLATFORM_VECTORS[:4]}
             values |= {name: getattr(inputs, name)[..., own] for name in ("rotation", "translation")}
             reach = np.linalg.norm(geometry.platform[..., k, :3, 3], axis=-1).max(initial=0.0)
-            arm = float(np.linalg.norm(inputs.force_point, axis=-1).max(initial=0.0)) + reach
+            arm, lever = (
+                float(np.linalg.norm(place, axis=-1).max(initial=0.0)) + reach
+                for place in (inputs.force_point, geometry.mass_centre)
+            )
             force = (np.linalg.norm(values[name], axis=-1) for name in ("tip_force", "follower_force"))
             values["follower_moment"] = values["follower_moment"] + arm * sum(force)[..., None] * [1, 0, 0]
             arrays = leg.arrays
             length = arrays.end[:, :, -1].max(axis=1)
             material = np.array(arrays.material)
-            material[..., 0, :, 9] += (PLATFORM_WEIGHT * geometry.mass / (legs * length))[:, None]
+            weighed = PLATFORM_WEIGHT / length * (1 + PLATFORM_MOMENT * lever / length)
+            material[..., 0, :, 9] += (weighed * geometry.mass / legs)[:, None]
             longest = max((p.ends[-1] for p in inputs.profiles.values()), default=0.0)
             loads = Inputs(leg.input_specs, leg.rod_count, values, longest)
             whole = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape)
