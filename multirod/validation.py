@@ -64,7 +64,8 @@ def shown(value: object) -> str:
     if isinstance(value, np.ndarray) and value.size >= FEW:
         return f"array of shape {value.shape}"
     try:
-        text = repr(value)
+        with np.printoptions(legacy="1.25"):  # numbers of NumPy as numbers, and not as np.float64(0.1)
+            text = repr(value)
     except Exception:  # noqa: BLE001  (whatever someone's object raises, or an integer of more digits than Python prints)
         return f"<{type(value).__name__}>"
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}... ({len(text)} characters)"

@@ -602,3 +602,8 @@ def test_what_is_wrong_in_a_batch_is_named_with_its_place(
     with pytest.raises(ValueError, match=re.escape(says)) as refused:
         make(robot)
     assert len(str(refused.value)) < 300
+
+
+def test_numbers_of_numpy_are_shown_as_numbers() -> None:
+    with pytest.raises(ValueError, match=r"Rod.foundation = \(-0.1, 2, 3.5\) is not allowed"):
+        mr.Rod(length=1, bending_stiffness=1, torsional_stiffness=1, foundation=(np.float64(-0.1), np.int64(2), 3.5))
