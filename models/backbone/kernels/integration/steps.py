@@ -33,6 +33,8 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
     Slopes, stage, advance, step_error_of, keep = base.type, base.stage, base.advance, base.error, base.keep
     place_of = base.place
     ColumnSlopes, column_stage, column_advance, keep_column = columns.type, columns.stage, columns.advance, columns.keep
+    LAST, LAST_AT = layout.LAST_STRAINS, layout.stretch["strains"]
+    read_last, write_last = (L.few(LAST).read, L.few(LAST).write) if LAST else (None, None)
     STAGES = len(tableau.b)
     # the last stages of some methods serve the error estimate only
     COLUMN_STAGES = max(i for i, weight in enumerate(tableau.b) if weight != 0.0) + 1
@@ -197,11 +199,20 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
             column_steps(memory, o, taken * step, count)
 
     @wp.func
-    def place_here(memory: memory_type, o: int):
+    def record_here(memory: memory_type, o: int):
         """The record of the place where each lane stands."""
         b = read_state(memory, o + wp.static(STATE))
         base_rates(memory, o + wp.static(Z), o + wp.static(PLACE), row(memory, o + wp.static(X)), b)
         if wp.static(NODES):
             put_own(memory, o + wp.static(Z), o + wp.static(PLACE), b)
 
+    @wp.func
+    def record_aside(memory: memory_type, o: int):
+        """The same; where the next strains are sought from, (L20), stays as it was, or what a lane finds would depend on where
+        the others stop, in its last digits."""
+        last = read_last(memory, o + wp.static(Z + LAST_AT))
+        record_here(memory, o)
+        write_last(memory, o + wp.static(Z + LAST_AT), last)
+
+    place_here = record_aside if LAST else record_here
     return SimpleNamespace(equal_step=equal_step, controlled_step=controlled_step if ADAPTIVE else None, place_here=place_here)
