@@ -103,26 +103,25 @@ def _from_together(
     outcome.status[~chosen] = Status.CONVERGED
     outcome.reached = np.zeros(problem.instance_count)
 
-    def took(part: Outcome | None, integrations: NDArray[np.integer[Any]]) -> None:
-        if part is not None:
-            outcome.iterations += part.iterations
+    def took(integrations: NDArray[np.integer[Any]], iterations: NDArray[np.integer[Any]] | int = 0) -> None:
+        outcome.iterations += iterations
         outcome.integrations += integrations
         newton.allow(np.maximum(newton.allowed() - integrations, 0))
 
-    took(None, chosen * found.integrations)
+    took(chosen * found.integrations)
     if far.any():
         # what is left of the residual would bend the way that loads lead
         joints.close(Loading.NONE)
         closed = Paths.of(problem, newton, max_steps).raise_from(far, found.unknowns, np.ones(problem.instance_count))
         joints.close(Loading.RISING)
-        took(closed, closed.integrations)
+        took(closed.integrations, closed.iterations)
         there = far & ~failures(closed.status)
         joints.shut(there)
         found.unknowns[there] = problem.read("unknowns")[there]
         tried &= ~far | there
     if tried.any():
         raised = Paths.of(problem, newton, max_steps).raise_loads(tried, bounds, unloaded=found.unknowns)
-        took(raised, raised.integrations)
+        took(raised.integrations, raised.iterations)
         assert raised.reached is not None  # of paths
         outcome.status[tried], outcome.reached[tried] = raised.status[tried], raised.reached[tried]
     return outcome

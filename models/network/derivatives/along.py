@@ -64,7 +64,7 @@ def find_rod(problem: "NetworkProblem", names: Sequence[str], rod: int) -> list[
 def on_piece(problem: "NetworkProblem", piece: int, places: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """(43) of ``docs/networks.md``: rising arclengths (instance_count, count) of a rod as those of one of its pieces, and which
     are there; in the place of the others stand some that rise too."""
-    slides, (count, size) = problem.graph.slides, places.shape
+    slides, size = problem.graph.slides, places.shape[1]
     if not slides.cut[piece]:
         return places, np.ones(places.shape, dtype=bool)
     pushed = problem.read("inputs")[:, problem.input_slice("translation")][:, problem.graph.first_tube[slides.owner[piece]]]
@@ -72,20 +72,20 @@ def on_piece(problem: "NetworkProblem", piece: int, places: FloatArray) -> tuple
     last, number = int(slides.pieces[piece]) - 1, int(slides.order[piece])
     which = np.clip(np.floor(places / length), 0, last)
     own, local = which == number, np.maximum(places - number * length, AT_BASE * length)
-    below, above = ((values).sum(axis=1, keepdims=True) for values in (which < number, which > number))
+    below, above = (values.sum(axis=1, keepdims=True) for values in (which < number, which > number))
     there = own.any(axis=1, keepdims=True)
     start = np.where(there, np.where(own, local, np.inf).min(axis=1, keepdims=True), 0.5 * length)
     end = np.where(there, np.where(own, local, 0.0).max(axis=1, keepdims=True), 0.5 * length)
-    order = np.broadcast_to(np.arange(size), (count, size))
+    order = np.arange(size)
     before = start * (order + 1) / (below + 1)
     behind = end + (length - end) * (order - size + above + 1) / np.maximum(above, 1)
     return np.where(own, local, np.where(which < number, before, behind)), own
 
 
-def merged(told: "Sequence[tuple[Told, NDArray[np.bool_]]]") -> "Told":
-    """What is told of a rod by its pieces, each with which of its places are on it, (instance_count, count)."""
-    result, _ = told[0]
-    for other, own in told[1:]:
+def merged(told: Sequence[Told], there: Sequence[NDArray[np.bool_]]) -> Told:
+    """What is told of a rod by its pieces; ``there`` are, of each but the first, its places, (instance_count, count)."""
+    result = told[0]
+    for other, own in zip(told[1:], there, strict=True):
         result = result.where(own, other)
     return result
 
@@ -94,12 +94,12 @@ def columns_along(problem: "NetworkProblem", names: Sequence[str], rod: int, pla
     """(D21) What ``NetworkProblem.along`` returns."""
     members = find_rod(problem, names, rod)
     problem.hand_over()
+    local, there = zip(*(on_piece(problem, own.piece, places) for own in members), strict=True)
     told = []
-    for own in members:
-        local, there = on_piece(problem, own.piece, places)
-        found = along_member(own.group.backbones, own.tube, own.place, local)
-        told.append((of_network(problem, problem.aim_of(names), own.group, own.place, found), there))
-    return merged(told).columns
+    for own, at in zip(members, local, strict=True):
+        found = along_member(own.group.backbones, own.tube, own.place, at)
+        told.append(of_network(problem, problem.aim_of(names), own.group, own.place, found))
+    return merged(told, there[1:]).columns
 
 
 def of_network(problem: "NetworkProblem", aim: Aim, group: "RodGroup", place: int, found: Along) -> Along:
@@ -208,6 +208,7 @@ class NetworkSensing:
 
     def __init__(self, problem: "NetworkProblem", places: FloatArray, launches: Sequence[Any]) -> None:
         self.problem, self._places = problem, np.asarray(places)
+        self._there: dict[int, NDArray[np.bool_]] = {}  # which of these were on a piece of the last launch, where rods are cut
         self._passes: list[AlongPass] = [group.backbones.derivatives.sensing(places) for group in problem.groups]
         self._launches = list(launches)
         self._launches[2:-1:3] = self._passes
@@ -218,47 +219,48 @@ class NetworkSensing:
         if problem.graph.segments:  # how long these are may have changed
             places = np.broadcast_to(self._places, (problem.instance_count, len(self._places)))
             for group, own in zip(problem.groups, self._passes, strict=True):
-                local = [on_piece(problem, piece, places)[0] for piece in group.members.tolist()]
+                pieces = group.members.tolist()
+                local, there = zip(*(on_piece(problem, piece, places) for piece in pieces), strict=True)
                 own.place(np.stack(local, axis=1).reshape(-1, len(self._places)))
+                self._there.update(zip(pieces, there, strict=True))
         problem.integrate_by(self._launches)
 
     def curvature(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
         """Of the last launch, as ``Sensing`` says."""
-        problem, told = self.problem, []
+        problem, members, told = self.problem, find_rod(self.problem, names, rod), []
         aim = problem.aim_of(names)
-        for own in find_rod(problem, names, rod):
+        for own in members:
             bent = self._pass(own).curvature(own.tube)
             curvature, columns = (of_member(values, problem.instance_count, own.place) for values in bent)
             base, _, turn = base_columns(problem, aim, own.piece)
             columns = by_network(problem, aim, own.group, own.place, columns, np.swapaxes(base, 1, 2) @ turn)
             at_rates(problem, aim, columns)
-            told.append((Along({"curvature": columns}, {"curvature": np.array(curvature)}), self._on(own)))
-        found = merged(told)
+            told.append(Along({"curvature": columns}, {"curvature": np.array(curvature)}))
+        found = merged(told, self._beyond(members))
         return found.arms["curvature"], found.columns["curvature"]
 
     def poses(self, names: Sequence[str], rod: int) -> PosesSensed:
         """Of the last launch, as ``Sensing`` says."""
-        problem, told = self.problem, []
-        for own in find_rod(problem, names, rod):
+        problem, members, told = self.problem, find_rod(self.problem, names, rod), []
+        for own in members:
             found = self._pass(own).poses(own.tube).of_member(problem.instance_count, own.place)
             along = of_network(problem, problem.aim_of(names), own.group, own.place, found)
             base = problem.state().ends[0].rotation[:, own.piece, None]
-            told.append((PosesAlong(along.columns, along.arms, base @ found.rotation), self._on(own)))
-        return merged(told).at(ground_of(problem)[0])
+            told.append(PosesAlong(along.columns, along.arms, base @ found.rotation))
+        return merged(told, self._beyond(members)).at(ground_of(problem)[0])
 
     def wrench(self, names: Sequence[str], rod: int) -> tuple[FloatArray, FloatArray]:
         """Of the last launch, as ``Sensing`` says."""
-        problem, told = self.problem, []
-        for own in find_rod(problem, names, rod):
+        problem, members, told = self.problem, find_rod(self.problem, names, rod), []
+        for own in members:
             found = self._pass(own).wrenches().of_member(problem.instance_count, own.place)
-            told.append((of_network(problem, problem.aim_of(names), own.group, own.place, found), self._on(own)))
-        found = merged(told)
+            told.append(of_network(problem, problem.aim_of(names), own.group, own.place, found))
+        found = merged(told, self._beyond(members))
         return found.arms["wrench"], found.columns["wrench"]
 
     def _pass(self, own: Member) -> AlongPass:
         return self._passes[self.problem.groups.index(own.group)]
 
-    def _on(self, own: Member) -> NDArray[np.bool_]:
-        """Which places are on a piece, (instance_count, count)."""
-        places = np.broadcast_to(self._places, (self.problem.instance_count, len(self._places)))
-        return on_piece(self.problem, own.piece, places)[1]
+    def _beyond(self, members: Sequence[Member]) -> list[NDArray[np.bool_]]:
+        """Which places were on each piece of a rod but the first."""
+        return [self._there[own.piece] for own in members[1:]]

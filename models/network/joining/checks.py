@@ -55,11 +55,16 @@ def holes_by_rod(joints: Sequence[Joint], rods: Mapping[str, object]) -> dict[st
                 refuse("Joint.at", place, f"must be less than the length of rod {name!r}, {float(np.min(rod.length)):g} m")
             if place == before:
                 refuse("Joint.at", place, f"another hole of rod {name!r} is there: {hole}")
-        if not uniform(rod):
-            refuse(f"Network.rods[{name!r}]", rod, "must be the same all along, of one section: it slides through holes")
-        if rod.carried:
-            refuse(f"Network.rods[{name!r}]", rod, "must have no members and no lines: it slides through holes")
+        _refuse_varied(name, rod, "it slides through holes")
     return found
+
+
+def _refuse_varied(name: str, rod: Rod, why: str) -> None:
+    """Refuse a rod whose pieces would not be alike."""
+    if not uniform(rod):
+        refuse(f"Network.rods[{name!r}]", rod, f"must be the same all along, of one section: {why}")
+    if rod.carried:
+        refuse(f"Network.rods[{name!r}]", rod, f"must have no members and no lines: {why}")
 
 
 def segments_by_rod(given: Mapping[str, int] | None, rods: Mapping[str, object], slid: Iterable[str]) -> dict[str, int]:
@@ -74,10 +79,7 @@ def segments_by_rod(given: Mapping[str, int] | None, rods: Mapping[str, object],
         rod, why = rods[name], "it is cut into segments"
         if not isinstance(rod, Rod):
             refuse(f"Network.rods[{name!r}]", rod, f"must be a Rod: {why}")
-        if not uniform(rod):
-            refuse(f"Network.rods[{name!r}]", rod, f"must be the same all along, of one section: {why}")
-        if rod.carried:
-            refuse(f"Network.rods[{name!r}]", rod, f"must have no members and no lines: {why}")
+        _refuse_varied(name, rod, why)
         if name in slid:
             refuse(f"Network.segments[{name!r}]", count, "must not be given: it slides through holes, and is cut there")
     return {name: int(count) for name, count in (given or {}).items()}

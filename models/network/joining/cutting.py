@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multirod.models.network.joining.sliding import DENSITY, may_be_cut
+from multirod.models.network.joining.sliding import densities, may_be_cut
 from multirod.models.network.places import FOLLOWING, LOADED
 from multirod.validation import FloatArray
 
@@ -18,12 +18,12 @@ LONGEST = 10.0  # by which it may along a rod before it is said that it should b
 
 def too_long(problem: "NetworkProblem", instance: int) -> str:
     """(42) As ``NetworkProblem.too_long``."""
-    graph, slides = problem.graph, problem.graph.slides
+    graph, slides, pull = problem.graph, problem.graph.slides, _pull(problem, instance)
     wanted = {}
     for rod, name in enumerate(graph.whole_names):
         first = slides.of(rod)[0]
         length = float(slides.pieces[first] * problem.length[instance, first])
-        growth = length * np.sqrt(_pull(problem, instance) / problem.stiffness[instance, first])
+        growth = length * np.sqrt(pull / problem.stiffness[instance, first])
         count = ceil(growth / EACH)
         if growth > LONGEST and count > graph.segments.get(name, 1) and may_be_cut(graph.whole[rod].rods, graph.holes.get(name)):
             wanted[name] = count
@@ -41,7 +41,7 @@ def _pull(problem: "NetworkProblem", instance: int) -> float:
         return np.asarray(np.linalg.norm(inputs[problem.input_slice(name)].reshape(-1, 3), axis=1))
 
     length = problem.length[instance, : problem.rod_count]
-    density = np.array([own.repeated(problem.batch_shape).material[instance, 0, 0, DENSITY] for own in graph.arrays])
+    density = densities(problem)[instance]
     total = sum(sizes(name).sum() for name in (LOADED[0], FOLLOWING[0]))
     total += sizes("distributed_force").sum() * length.sum() + (sizes("rod_force")[graph.slides.owner] * length).sum()
     return float(total + sizes("gravity").sum() * (graph.mass.sum() + (density * length).sum()))

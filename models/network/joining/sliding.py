@@ -140,8 +140,8 @@ class Slides:
 
     def joint(self, piece: int, end: Literal["base", "tip"], given: Joint | None) -> Joint | None:
         """What holds an end of a piece: a hole, or what is ``given`` for that end of its rod."""
-        hole = self._hole(piece, end)
-        return self._clamps.get((piece, end), given) if hole == NONE else self.holes[hole].around(end)
+        source = self.source(piece, end, given)
+        return source if source is None or self._hole(piece, end) == NONE else source.around(end)
 
     def source(self, piece: int, end: str, given: Joint | None) -> Joint | None:
         """The joint there as it was given; between segments a clamp."""
@@ -175,6 +175,11 @@ def piece(rod: Rod, count: int) -> Rod:
     return changed(rod, sections=(replace(section, length=section.length / count),))
 
 
+def densities(problem: "NetworkProblem") -> FloatArray:
+    """Mass per length of each piece where it begins [kg/m], shape (instance, piece)."""
+    return np.stack([own.repeated(problem.batch_shape).material[:, 0, 0, DENSITY] for own in problem.graph.arrays], axis=1)
+
+
 def push_units(problem: "NetworkProblem") -> FloatArray:
     """(37) What pushes through holes at tips, then at bases, are told in [N m^2], shape (instance, 2, piece)."""
     L, EI = (scale[:, None, : problem.rod_count] for scale in (problem.length, problem.stiffness))
@@ -190,7 +195,7 @@ def slid(problem: "NetworkProblem", state: "State", elements: "Elements", gap: F
     kept = [*range(layout.holes_at.start), -1]
     tip, base = (elements.tension[:, :, k][..., kept] for k in (0, 1))
     force, gravity = (state.level[:, None] * state.take(problem, name) for name in ("distributed_force", "gravity"))
-    density = np.stack([own.repeated(problem.batch_shape).material[:, 0, 0, DENSITY] for own in problem.graph.arrays], axis=1)
+    density = densities(problem)
     own = state.level[:, None, None] * state.take(problem, "rod_force").reshape(len(force), -1, 3)[:, slides.owner]
     load = force[:, None] + own + density[..., None] * gravity[:, None]
     local = (np.swapaxes(state.ends[0].rotation, -1, -2) @ load[..., None])[..., 0]
