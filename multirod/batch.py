@@ -102,7 +102,11 @@ def broadcast_shapes(*shapes: tuple[int, ...]) -> tuple[int, ...]:
     for shape in shapes:
         if shape and shape != own:
             if own:
-                return np.broadcast_shapes(*shapes)
+                try:
+                    return np.broadcast_shapes(*shapes)
+                except ValueError:
+                    given = ", ".join(str(axes) for axes in dict.fromkeys(shapes) if axes)
+                    raise ValueError(f"leading axes {given} do not broadcast") from None
             own = shape
     return own
 

@@ -80,6 +80,12 @@ def first_of(wrong: NDArray[np.bool_], values: NDArray[Any], value: object) -> o
     return Described(f"{values[tuple(at)].tolist()} at {at} of shape {values.shape}")
 
 
+def at_first(there: object, *values: object) -> list[float]:
+    """What values are, broadcast, at the first place that is meant."""
+    meant, *others = np.broadcast_arrays(there, *values)  # type: ignore[arg-type]
+    return [float(value.flat[int(np.argmax(meant))]) for value in others]
+
+
 def number(field: str, value: object) -> float:
     """``value`` as a float."""
     if type(value) is float:

@@ -53,6 +53,28 @@ def test_rods_and_bases_with_leading_axes(make_pose):
         assert_same(batch, (i, j), mr.solve(robot, robot.inputs(tip_force=force)))
 
 
+def test_each_has_a_cross_section_of_its_own():
+    """Moduli and diameters with leading axes: stiffnesses, mass and strain are those of each alone, bitwise."""
+    lengths, outer, E = np.array([0.3, 0.4, 0.5]), np.array([[1e-3], [3e-3]]), np.array([60e9, 70e9, 200e9])
+    inner, loads = 0.7 * outer, {"tip_force": (0.03, -0.02, 0.1), "gravity": (0, 0, -9.81)}
+    made = {"poisson_ratio": 0.3, "density": 6450.0}
+    robot = mr.SingleRod(mr.Rod.tube(length=lengths, outer_diameter=outer, inner_diameter=inner, young_modulus=E, **made))
+    batch = mr.solve(robot, robot.inputs(**loads)).raise_if_failed()
+    assert batch.strain.shape == (2, 3, 1)
+    for i, j in np.ndindex(2, 3):
+        d, hollow = float(outer[i, 0]), float(inner[i, 0])
+        one = mr.Rod.tube(length=lengths[j], outer_diameter=d, inner_diameter=hollow, young_modulus=E[j], **made)
+        alone = mr.SingleRod(one)
+        solution = mr.solve(alone, alone.inputs(**loads))
+        assert_same(batch, (i, j), solution)
+        np.testing.assert_array_equal(batch.strain[i, j], solution.strain)
+        curvature = np.linalg.norm(solution.rod(0).curvature[:, :2], axis=-1)
+        np.testing.assert_allclose(solution.strain, [d / 2 * curvature.max()], rtol=1e-9)  # rounding
+    wires = mr.Rod.wire(length=0.3, diameter=outer[:, 0], young_modulus=60e9, poisson_ratio=0.3)
+    np.testing.assert_allclose(wires.sections[0].bending_stiffness[:, 0], 60e9 * np.pi / 64 * outer[:, 0] ** 4, rtol=1e-14)
+    assert repr(wires) == "Rod(0.3 m, batch (2,), 1 section)"
+
+
 def test_an_impossible_instance_leaves_the_others_as_they_are():
     column = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.2, torsional_stiffness=0.06))
     solver = mr.Shooting(integrator=mr.RK4(40), at_fold="stop")

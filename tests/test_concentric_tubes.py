@@ -235,6 +235,15 @@ def test_a_wrong_order_is_told_by_the_diameters_of_any_two_tubes(inner, outer, m
         mr.ConcentricTubes([inner, sized(), outer])
 
 
+def test_each_of_a_batch_nests_by_its_own_diameters():
+    inner = sized(outer_diameter=[1e-3, 1.2e-3], inner_diameter=5e-4)
+    with pytest.raises(ValueError, match=r"tubes\[0\]\.outer_diameter = 0\.0012 .* inner diameter of tubes\[1\], 0\.0011 m"):
+        mr.ConcentricTubes([inner, sized(outer_diameter=2e-3, inner_diameter=1.1e-3)])
+    assert mr.ConcentricTubes([inner, sized(outer_diameter=2e-3, inner_diameter=[1.1e-3, 1.3e-3])]).batch_shape == (2,)
+    with pytest.raises(ValueError, match=r"leading axes \(2,\), \(3,\) do not broadcast"):
+        mr.ConcentricTubes([inner, sized(outer_diameter=[2e-3] * 3)])
+
+
 def test_tubes_that_do_not_nest_are_refused():
     with pytest.raises(ValueError, match=r"tubes\[0\]\.outer_diameter = 0\.0016 is not allowed: must be <= the inner diameter"):
         mr.ConcentricTubes([OUTER, INNER])

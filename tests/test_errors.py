@@ -128,11 +128,24 @@ def test_unknown_property_is_refused() -> None:
 
 
 @pytest.mark.parametrize("field", ["outer_diameter", "inner_diameter"])
-@pytest.mark.parametrize("value", [-1e-3, NAN, INF, "1e-3", True, (1e-3, 2e-3)], ids=repr)
+@pytest.mark.parametrize("value", [-1e-3, NAN, INF, "1e-3", True, (1e-3, -1e-3)], ids=repr)
 def test_diameters(field: str, value: Any) -> None:
     for owner, given in ((mr.Rod, PROPERTIES), (mr.Rod.tube, TUBE)):
         with refusal(f"Rod.{field}", value, "> 0|>= 0|number"):
             owner(**{**given, field: value})
+
+
+def test_diameters_whose_leading_axes_do_not_broadcast() -> None:
+    two, three = [3e-3, 4e-3], [1e-3, 2e-3, 1e-3]
+    for owner, given in ((mr.Rod, PROPERTIES), (mr.Rod.tube, TUBE)):
+        with refusal("Rod.inner_diameter", three, r"\(3,\) must broadcast with those of outer_diameter, \(2,\)"):
+            owner(**{**given, "outer_diameter": two, "inner_diameter": three})
+        with pytest.raises(ValueError, match="the batch axes of a (rod's sections and diameters|section's parameters) do not"):
+            owner(**{**given, "length": [0.3, 0.4, 0.5], "outer_diameter": two})
+    with pytest.raises(ValueError, match=r"young_modulus, shear_modulus and diameters, \(3,\), \(\) and \(2,\), do not"):
+        mr.Rod.tube(**{**TUBE, "young_modulus": [7e10, 6e10, 5e10], "outer_diameter": two})
+    with pytest.raises(ValueError, match=r"Rod.inner_diameter = \[0.001, 0.004\] is not allowed: .* smaller than outer_diameter"):
+        mr.Rod.tube(**{**TUBE, "outer_diameter": two, "inner_diameter": [1e-3, 4e-3]})
 
 
 @pytest.mark.parametrize("inner", [3e-3, 4e-3])

@@ -193,6 +193,14 @@ def test_poses_of_legs_are_read_from_a_robot_that_was_loaded(tmp_path):
         robot.platform[0, 0, 3] = 1.0
 
 
+@pytest.mark.parametrize("ending", [".toml", ".npz"])
+def test_diameters_of_a_batch_are_read_back(ending, tmp_path):
+    made = {"inner_diameter": [0.0, 1e-3], "young_modulus": [[6e10], [7e10], [8e10]], "shear_modulus": 3e10}
+    robot = mr.SingleRod(mr.Rod.tube(length=0.2, outer_diameter=[1e-3, 2e-3], **made))
+    robot.save(tmp_path / f"robot{ending}")
+    assert_same(mr.load(tmp_path / f"robot{ending}"), robot)
+
+
 def test_a_row_of_a_table_with_text_says_what_to_do(tmp_path):
     robot = mr.SingleRod(mr.Rod(length=0.3, bending_stiffness=0.1, torsional_stiffness=0.08))
     row = np.array([0.1, 0, 0], dtype=object)
@@ -861,6 +869,17 @@ def test_tubes_are_closed_and_as_large_as_they_are(hollow):
     points = solution.rod(0, nodes=201).position
     assert (low >= points.min(axis=0) - 1.5e-3 - 1e-12).all()
     assert (high <= points.max(axis=0) + 1.5e-3 + 1e-12).all()
+
+
+def test_each_of_a_batch_is_as_thick_as_it_is():
+    outer = np.array([2e-3, 3e-3, 4e-3])
+    made_of = {"young_modulus": 60e9, "shear_modulus": 23e9}
+    robot = mr.SingleRod(mr.Rod.tube(length=0.4, outer_diameter=outer, inner_diameter=outer / 2, **made_of))
+    solution = mr.solve(robot, robot.inputs(tip_force=(0, 0.1, 0)), solver=COARSE)
+    volumes = np.array([mesh.volume for mesh in solution.to_mesh(nodes=201).geometry.values()])
+    np.testing.assert_allclose(volumes, (ring(outer / 2) - ring(outer / 4)) * 0.4, rtol=1e-4)  # of chords in the place of arcs
+    (mesh,) = solution[1].to_mesh(nodes=201).geometry.values()
+    assert mesh.volume == pytest.approx(volumes[1], rel=1e-12)
 
 
 @pytest.mark.parametrize("inner", [0.0, 0.06])

@@ -163,6 +163,21 @@ def test_the_softer_section_is_strained_more_than_the_stiffest() -> None:
         np.testing.assert_allclose(solution.strain, [0.09], rtol=1e-6)
 
 
+def test_each_is_strained_by_its_own_diameter() -> None:
+    """The thick one is bent less, and strained more."""
+    EI, outer = np.array([[0.1], [0.2]]), np.array([2e-3, 4e-3])
+    robot = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=EI, torsional_stiffness=0.07, outer_diameter=outer))
+    with pytest.warns(mr.PlausibilityWarning, match=r"the rod is strained by 12 %"):
+        solution = mr.solve(robot, robot.inputs(tip_moment=(0, 12.0, 0)))
+    np.testing.assert_allclose(solution.strain, [[0.12], [0.12]], rtol=1e-6)
+    with pytest.warns(mr.PlausibilityWarning, match=r"outer_diameter = 0.5 m is thicker than the rod is long, 0.4 m"):
+        mr.Rod.wire(length=[0.3, 0.4], diameter=[1e-3, 0.5], young_modulus=60e9, poisson_ratio=0.3)
+    with pytest.warns(mr.PlausibilityWarning, match=r"bending_stiffness = 0.2 N m\^2 at outer_diameter = 0.0001 m means a Young"):
+        mr.Rod(length=0.4, bending_stiffness=EI, torsional_stiffness=0.07, outer_diameter=[2e-3, 1e-4])
+    with pytest.warns(mr.PlausibilityWarning, match=r"linear_density = 44 kg/m means a density of 3.5e\+06 kg"):
+        mr.Rod(length=0.4, bending_stiffness=EI, torsional_stiffness=0.07, outer_diameter=outer, linear_density=[1e-2, 44])
+
+
 def test_failed_instances_are_not_strained(thick: mr.SingleRod) -> None:
     hopeless = mr.Shooting(max_iterations=1, max_continuation_steps=1, max_integrations=2, fallback=False)
     solution = mr.solve(thick, thick.inputs(tip_force=(5000.0, 0, 0)), solver=hopeless)

@@ -185,6 +185,11 @@ def test_tubes_are_as_wide_as_they_are_and_lie_on_what_is_inside(tubes):
         own = mr.solve(robot, robot.inputs(tip_force=(0.3, 0.1, 0)), solver=SOLVER)
         wide[diameter] = drawn(own.plot(loads=False), own.rod(0, nodes=51).position)
     np.testing.assert_allclose(wide[4e-3].get_linewidth(), 2 * wide[2e-3].get_linewidth(), rtol=1e-9)
+    robot = make_robot(outer_diameter=[2e-3, 4e-3])
+    both = mr.solve(robot, robot.inputs(tip_force=(0.3, 0.1, 0)), solver=SOLVER)
+    for k, diameter in enumerate((2e-3, 4e-3)):
+        own = drawn(both[k].plot(loads=False), both[k].rod(0, nodes=51).position)
+        np.testing.assert_allclose(own.get_linewidth(), wide[diameter].get_linewidth(), rtol=1e-9)
 
 
 def test_a_platform_and_its_joints_are_where_they_are():

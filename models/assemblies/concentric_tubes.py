@@ -18,7 +18,7 @@ from multirod.models.backbone.inputs import BY_MATERIAL, DRIVE_INPUTS, DRIVES, T
 from multirod.naming import hinted
 from multirod.rod import Rod
 from multirod.types import Poses
-from multirod.validation import Described, FloatArray, refuse, sequence
+from multirod.validation import Described, FloatArray, at_first, refuse, sequence
 
 SAME_PLACE = 1e-12  # [m]: bases this close are at the same place
 
@@ -50,8 +50,6 @@ class ConcentricTubes(BackboneAssembly):
         sequence("ConcentricTubes.tubes", tubes, Rod, "Rod, innermost first")
         if not 1 <= len(tubes) <= 6:
             refuse("ConcentricTubes.tubes", f"{len(tubes)} tubes", "must be 1 to 6")
-        for j, k in combinations(range(len(tubes)), 2):
-            _check_nesting(tubes[j], tubes[k], j, k)
         for k, tube in enumerate(tubes):
             if any(np.isfinite(s.shear_stiffness).any() or np.isfinite(s.axial_stiffness).any() for s in tube.sections):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "shear_stiffness and axial_stiffness must be inf")
@@ -59,6 +57,8 @@ class ConcentricTubes(BackboneAssembly):
                 refuse(f"ConcentricTubes.tubes[{k}]", tube, "must have no members: how tubes share them is not modelled")
         plausibility.of_nested_lines(tubes)
         super().__init__(tuple(tubes), base)
+        for j, k in combinations(range(len(tubes)), 2):
+            _check_nesting(tubes[j], tubes[k], j, k)
         self._pulled = [min((line.reach_straight for line in tube.lines), default=inf) for tube in tubes]
         self._shortest = [float(np.min(tube.length)) for tube in tubes]
 
@@ -117,19 +117,20 @@ class ConcentricTubes(BackboneAssembly):
 
 def _check_nesting(inner: Rod, outer: Rod, j: int, k: int) -> None:
     """Refuse a tube that cannot lie inside another, by the diameters that are given."""
-    thickness = inner.outer_diameter
-    if outer.inner_diameter == 0:
+    thickness, hollow, around = inner.outer_diameter, outer.inner_diameter, outer.outer_diameter
+    if hollow is not None and not np.all(hollow):
         refuse(f"ConcentricTubes.tubes[{k}].inner_diameter", 0.0, f"must be > 0: tubes[{j}] lies inside")
     if thickness is None:
         return
     field = f"ConcentricTubes.tubes[{j}].outer_diameter"
-    fits = inner.inner_diameter is not None and outer.outer_diameter is not None and outer.outer_diameter <= inner.inner_diameter
+    fits = inner.inner_diameter is not None and around is not None and np.all(np.less_equal(around, inner.inner_diameter))
     hint = "; tubes are listed innermost first" if fits else ""
-    if outer.inner_diameter is not None and thickness > outer.inner_diameter:
-        refuse(field, thickness, f"must be <= the inner diameter of tubes[{k}], {outer.inner_diameter:g} m{hint}")
-    if outer.outer_diameter is not None and thickness >= outer.outer_diameter:
-        allowed = f"must be < the outer diameter of tubes[{k}], {outer.outer_diameter:g} m, which lies around it{hint}"
-        refuse(field, thickness, allowed)
+    if hollow is not None and (wrong := np.greater(thickness, hollow)).any():
+        thick, room = at_first(wrong, thickness, hollow)
+        refuse(field, thick, f"must be <= the inner diameter of tubes[{k}], {room:g} m{hint}")
+    if around is not None and (wrong := np.greater_equal(thickness, around)).any():
+        thick, room = at_first(wrong, thickness, around)
+        refuse(field, thick, f"must be < the outer diameter of tubes[{k}], {room:g} m, which lies around it{hint}")
 
 
 def refuse_behind_plate(inputs: Inputs, tubes: Sequence[Rod]) -> None:

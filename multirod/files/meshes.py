@@ -49,9 +49,13 @@ def scene(solution: Solution, nodes: int | None, corners: int) -> Any:  # noqa: 
         position, rotation = (
             value.reshape(count, *value.shape[len(solution.batch_shape) :]) for value in (shape.position, shape.rotation)
         )
-        inner = 0.0 if rod.outer_diameter is None else 0.5 * (rod.inner_diameter or 0.0)
+        outer = 2 * drawn.radius if rod.outer_diameter is None else rod.outer_diameter
+        hollow = 0.0 if rod.inner_diameter is None else rod.inner_diameter
+        each = [solution._parameter(np.asarray(size), 0) / 2 for size in (outer, hollow)]
+        radii, inner = (np.broadcast_to(size, solution.batch_shape).reshape(-1) for size in each)
         for k in np.flatnonzero(sound):
-            add(drawn.name, int(k), *tube(position[k], rotation[k, :, :, 2], drawn.radius, inner, corners), drawn.color)
+            surface = tube(position[k], rotation[k, :, :, 2], float(radii[k]), float(inner[k]), corners)
+            add(drawn.name, int(k), *surface, drawn.color)
     for body in drawn_bodies(solution.assembly, solution.batch_shape, count):
         position, rotation = poses_of(body, solution)
         origin, turn = position.reshape(-1, 3), rotation.reshape(-1, 3, 3)

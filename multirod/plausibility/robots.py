@@ -171,9 +171,9 @@ def of_rods_through_discs(backbone: "Rod", rods: "Sequence[Rod]", offsets: Float
 def of_nested_lines(tubes: "Sequence[Rod]") -> None:
     """Warn of lines of tubes that do not run within the tube around theirs."""
     for k, (tube, around) in enumerate(pairwise(tubes)):
-        room = around.inner_diameter or tube.outer_diameter
-        for line in tube.lines if room is not None else ():
-            assert room is not None
+        given = tube.outer_diameter if around.inner_diameter is None else around.inner_diameter
+        room = 0.0 if given is None else float(np.min(given))
+        for line in tube.lines if given is not None else ():
             aside = line.arm(tube.sections)
             if aside > room / 2:
                 found = f"; if it is in mm, give {1e-3 * aside:.6g}" if 1e-3 * aside <= room / 2 else ""

@@ -30,7 +30,7 @@ from multirod.plausibility.limits import (
 )
 from multirod.plausibility.warning import say
 from multirod.profile import Profile
-from multirod.validation import FloatArray
+from multirod.validation import FloatArray, at_first
 
 if TYPE_CHECKING:
     from multirod.models.backbone.members.lines import Line
@@ -65,7 +65,7 @@ def of_rod(rod: "Rod", material: Material | None) -> None:
     odd = LENGTH.check("Rod.length", rod.length)
     if material is not None:
         odd |= _of_material(material)
-    odd = odd or _of_diameter(rod, length)
+    odd = odd or _of_diameter(rod)
     if not odd:
         _of_stiffness(rod, material)
     for section in rod.sections:
@@ -76,6 +76,12 @@ def of_rod(rod: "Rod", material: Material | None) -> None:
     _of_lines(rod, length)
     if material is not None:
         _of_chambers(rod, float(np.max(material.young)))
+
+
+def second_moment(rod: "Rod") -> FloatArray:
+    """Second moment of area of its cross-section [m^4], (...); zero where it has none or a wall of none."""
+    outer, inner = (np.square(0.0 if size is None else size) for size in (rod.outer_diameter, rod.inner_diameter))
+    return np.asarray(np.pi / 64 * (outer * outer - inner * inner))
 
 
 def of_nothing(field: str, profile: Profile) -> None:
@@ -131,10 +137,14 @@ def _of_material(material: Material) -> bool:
     return False
 
 
-def _of_diameter(rod: "Rod", length: float) -> bool:
-    outer = rod.outer_diameter
-    if outer is None or SLENDER.odd(length / outer) is None:
+def _of_diameter(rod: "Rod") -> bool:
+    if rod.outer_diameter is None:
         return False
+    slender = rod.length / rod.outer_diameter
+    odd = SLENDER.odd(slender)
+    if odd is None:
+        return False
+    outer, length = at_first(slender == odd, rod.outer_diameter, rod.length)
     what = "is thicker than the rod is long" if outer > length else "is a hundred thousandth of the length and less"
     found = f"; if it is in mm, give {1e-3 * outer:.6g}" if SLENDER.odd(1e3 * length / outer) is None and outer > length else ""
     say(f"Rod.outer_diameter = {outer:.6g} m {what}, {length:.6g} m{found}")
@@ -145,14 +155,16 @@ def _of_stiffness(rod: "Rod", material: Material | None) -> None:
     EI = np.array([float(np.max(section.bending_stiffness)) for section in rod.sections])
     outer = rod.outer_diameter
     if material is None:
-        if outer is not None:
-            I = math.pi / 64 * (outer**4 - (rod.inner_diameter or 0.0) ** 4)
-            found = YOUNG.odd(EI / I) if I > 0 else None
+        if outer is not None and (I := second_moment(rod)).all():
+            moduli = [section.bending_stiffness.max(axis=-1) / I for section in rod.sections]
+            every = np.concatenate([np.ravel(modulus) for modulus in moduli])
+            found = YOUNG.odd(every)
             if found is not None:
                 what = YOUNG.above if found > YOUNG.high else YOUNG.below
-                own = found * I
-                mm = f"; if EI is in N mm^2, give {1e-6 * own:.6g}" if YOUNG.odd(1e-6 * EI / I) is None else ""
-                of = f"Rod.bending_stiffness = {own:.6g} N m^2 at outer_diameter = {outer:.6g} m"
+                (there,) = [modulus == found for modulus in moduli if (modulus == found).any()][:1]
+                second, thick = at_first(there, I, outer)
+                mm = f"; if EI is in N mm^2, give {1e-6 * found * second:.6g}" if YOUNG.odd(1e-6 * every) is None else ""
+                of = f"Rod.bending_stiffness = {found * second:.6g} N m^2 at outer_diameter = {thick:.6g} m"
                 say(f"{of} means a Young's modulus of {found:.3g} Pa, which {what}{mm}")
                 return
         if _twists_too_little(rod):
@@ -167,7 +179,8 @@ def _of_stiffness(rod: "Rod", material: Material | None) -> None:
             mm = f"if EI is in N mm^2, give {1e-6 * own:.6g}" if SOFT.odd(1e-6 * force) is None else "it is in N m^2"
             say(f"Rod.bending_stiffness = {own:.6g} N m^2 at length = {_length(rod)} {what}; {mm}")
         else:
-            made = f"young_modulus = {largest(material.young):.6g} Pa, outer_diameter = {outer:.6g} m, length = {_length(rod)}"
+            made = f"young_modulus = {largest(material.young):.6g} Pa, outer_diameter = {largest(outer):.6g} m, "
+            made += f"length = {_length(rod)}"
             say(f"Rod of {made} {what}; are diameters and length in m, moduli in Pa?")
         return
     _of_stretch(rod)
@@ -192,17 +205,19 @@ def _twists_too_little(rod: "Rod") -> bool:
 
 
 def _of_stretch(rod: "Rod") -> None:
-    outer = rod.outer_diameter
-    for section in rod.sections if outer is not None else ():
-        assert outer is not None
+    if rod.outer_diameter is None:
+        return
+    outer = np.asarray(rod.outer_diameter)
+    for section in rod.sections:
         EI = section.bending_stiffness.max(axis=-1)
-        for name, stiffness in (("axial_stiffness", section.axial_stiffness), ("shear_stiffness", section.shear_stiffness)):
-            finite = np.asarray(stiffness)[np.isfinite(stiffness)]
-            implied = 4 * math.sqrt(float(EI.max()) / float(finite.max())) if finite.size else outer
-            if not outer / WIDE <= implied <= outer * WIDE:
+        for name, stiff in (("axial_stiffness", section.axial_stiffness), ("shear_stiffness", section.shear_stiffness.T[0].T)):
+            implied = 4 * np.sqrt(EI / stiff)  # zero of one that is infinite
+            wrong = (implied > 0) & ((implied < outer / WIDE) | (implied > outer * WIDE))
+            if wrong.any():
+                bends, pulls, width, thick = at_first(wrong, EI, stiff, implied, outer)
                 say(
-                    f"Rod.{name} = {float(finite.max()):.6g} N beside bending_stiffness = {float(EI.max()):.6g} N m^2 means a "
-                    f"diameter of about {implied:.2g} m, not {outer:.6g} m: it is a modulus times an area, in N"
+                    f"Rod.{name} = {pulls:.6g} N beside bending_stiffness = {bends:.6g} N m^2 means a "
+                    f"diameter of about {width:.2g} m, not {thick:.6g} m: it is a modulus times an area, in N"
                 )
                 return
 
@@ -218,7 +233,7 @@ def _curvatures(rod: "Rod") -> Iterator[tuple[FloatArray, float]]:
 def _of_precurvature(rod: "Rod", length: float) -> None:
     bent = [(float(np.linalg.norm(u[..., :2], axis=-1).max()), size) for u, size in _curvatures(rod)]
     most, total = max(u for u, _ in bent), sum(u * size for u, size in bent)
-    radius = None if rod.outer_diameter is None else rod.outer_diameter / 2
+    radius = None if rod.outer_diameter is None else float(np.min(rod.outer_diameter)) / 2
     if radius is not None and most * radius > 1:
         say(
             f"Rod.precurvature of {most:.6g} 1/m is a radius of {1 / most:.3g} m, less than the rod's own, {radius:.3g} m"
@@ -246,14 +261,18 @@ def _of_mass(rod: "Rod", material: Material | None) -> None:
     if material is not None:
         return
     if rod.outer_diameter is not None:
-        area = math.pi / 4 * (rod.outer_diameter**2 - (rod.inner_diameter or 0.0) ** 2)
+        hollow = 0.0 if rod.inner_diameter is None else rod.inner_diameter
+        areas = np.pi / 4 * np.asarray(np.square(rod.outer_diameter) - np.square(hollow))
         for section in rod.sections:
-            odd = DENSITY.odd(section.linear_density / area) if area > 0 else None
+            densities = section.linear_density / areas if areas.all() else np.zeros(())
+            odd = DENSITY.odd(densities)
             if odd is not None:
-                grams = f"; if it is in g/m, give {1e-3 * odd * area:.6g}" if DENSITY.odd(1e-3 * odd) is None else ""
+                (mass,) = at_first(densities == odd, densities * areas)
+                grams = f"; if it is in g/m, give {1e-3 * mass:.6g}" if DENSITY.odd(1e-3 * odd) is None else ""
                 what = DENSITY.above if odd > DENSITY.high else DENSITY.below
-                say(f"Rod.linear_density = {odd * area:.6g} kg/m means a density of {odd:.3g} kg/m^3, which {what}{grams}")
+                say(f"Rod.linear_density = {mass:.6g} kg/m means a density of {odd:.3g} kg/m^3, which {what}{grams}")
                 return
+            area = float(areas.max())
             if largest(section.magnetisation) > MAGNETISED * area:
                 most = largest(section.magnetisation)
                 say(

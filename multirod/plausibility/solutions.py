@@ -1,12 +1,12 @@
 """Of solutions: strains that no material bears."""
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from multirod.plausibility.limits import RUBBER, RUBBER_STRAIN, STRAIN
+from multirod.plausibility.rods import second_moment
 from multirod.plausibility.warning import say
 from multirod.validation import FloatArray
 
@@ -15,16 +15,21 @@ if TYPE_CHECKING:
     from multirod.rod import Rod
 
 
-def of_bases(robot: "Assembly", unknowns: FloatArray, left_out: NDArray[np.bool_]) -> bool:
-    """Warn of strain at the base of a single rod, which its unknowns tell; returns whether there is too much."""
+def of_bases(robot: "Assembly", unknowns: FloatArray, left_out: NDArray[np.bool_], diameter: FloatArray) -> bool:
+    """Warn of strain at the base of a single rod, which its unknowns tell; returns whether there is too much.
+
+    Args:
+        robot: Whose first rod it is.
+        unknowns: (count, unknown_count).
+        left_out: (count,).
+        diameter: Of the rod, outer [m], () or (count,).
+    """
     rod = robot.rods[0]
-    if rod.outer_diameter is None:
-        return False
     change = robot.bent_at_base(unknowns)
     if change is None:
         return False
     change[left_out] = 0.0
-    return of_strain(rod, rod.name or "the rod", rod.outer_diameter / 2 * float(np.linalg.norm(change, axis=-1).max(initial=0.0)))
+    return of_strain(rod, rod.name or "the rod", float((diameter / 2 * np.linalg.norm(change, axis=-1)).max(initial=0.0)))
 
 
 def of_strains(robot: "Assembly", strain: FloatArray) -> bool:
@@ -36,11 +41,10 @@ def of_strains(robot: "Assembly", strain: FloatArray) -> bool:
 
 def of_strain(rod: "Rod", name: str, strain: float) -> bool:
     """Warn of a strain that the material of a rod hardly bears."""
-    outer = rod.outer_diameter
-    if outer is None or not strain > STRAIN:
+    if rod.outer_diameter is None or not strain > STRAIN:
         return False
-    EI = max(float(np.max(section.bending_stiffness)) for section in rod.sections)
-    soft = RUBBER * math.pi / 64 * (outer**4 - (rod.inner_diameter or 0.0) ** 4) > EI
+    I = second_moment(rod)
+    soft = all((section.bending_stiffness.max(axis=-1) < RUBBER * I).all() for section in rod.sections)
     limit = RUBBER_STRAIN if soft else STRAIN
     if strain <= limit:
         return False

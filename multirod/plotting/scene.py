@@ -62,7 +62,7 @@ def draw(
     ax: "Axes3D", family: Family, rods: list[int], *, nodes: int, frames: bool, loads: bool, path: FloatArray | None = None
 ) -> None:
     """Draw the rods of all instances; of a single one also frames, loads, lines, discs and joints. ``path`` is of the tip."""
-    solution, drawn = family.solution, drawn_rods(family.solution.assembly)
+    solution, drawn = family.solution, drawn_rods(family.solution.assembly, family.solution)
     shapes = {k: solution.rod(k, nodes=nodes) for k in rods}
     plates = _plates(solution) if len(family) else []
     origins = [pose[:3, 3] for pose in bases(solution.assembly).values()]
@@ -175,7 +175,7 @@ def _plates(solution: Solution) -> list[list[FloatArray]]:
         return []
     positions, rotations = solution.tip_position.reshape(-1, 3), solution.tip_rotation.reshape(-1, 3, 3)
     attachments = solution._parameter(assembly.geometry.platform, 3)
-    least = 2 * max(rod.radius for rod in drawn_rods(assembly))
+    least = 2 * max(rod.radius for rod in drawn_rods(assembly, solution))
     if attachments.ndim == 3:
         solids = [plate_through(attachments, least)] * len(positions)
     else:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ from multirod.models.network.graph import ENDS
 from multirod.models.network.joining.bodies import ground
 from multirod.rod import Rod
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.results.found import Found
 
 # Picked to be told apart on the viewer's dark theme; one for each of the 12 legs that a robot may have.
 COLORS = {
@@ -108,12 +112,15 @@ class Plate:
         return [self.vertices[: len(self.vertices) // _COPIES]] if self.flat else list(self.vertices[self.triangles])
 
 
-def drawn_rods(assembly: Assembly) -> list[DrawnRod]:
-    """One for each rod, in the order of ``assembly.rods``; tubes of one leg share a hue and stand below the leg."""
+def drawn_rods(assembly: Assembly, found: "Found | None" = None) -> list[DrawnRod]:
+    """One for each rod, in the order of ``assembly.rods``; tubes of one leg share a hue and stand below the leg.
+
+    Of a batch each is as thick as its thickest, of those instances that are ``found``.
+    """
     if not isinstance(assembly, (ParallelRods, InverseParallelRods)):
         names = _names(assembly.rods)
-        radii = _radii(assembly.rods) if isinstance(assembly, BackboneAssembly) else [_radii([rod])[0] for rod in assembly.rods]
         nested = isinstance(assembly, BackboneAssembly)
+        radii = _radii(assembly.rods, found) if nested else [_radii([rod], found)[0] for rod in assembly.rods]
         return [
             DrawnRod(name, (name,), PALETTE[k % len(PALETTE)], radius, _shade(k), 0 if nested else k)
             for k, (name, radius) in enumerate(zip(names, radii, strict=True))
@@ -121,7 +128,7 @@ def drawn_rods(assembly: Assembly) -> list[DrawnRod]:
     drawn = []
     for k, (leg, own) in enumerate(zip(_leg_names(assembly), _legs(assembly), strict=True)):
         names = _names(own)
-        for i, (name, radius) in enumerate(zip(names, _radii(own), strict=True)):
+        for i, (name, radius) in enumerate(zip(names, _radii(own, found), strict=True)):
             path = (leg,) if len(own) == 1 else (leg, name)
             white = _PALEST * (len(own) - 1 - i) / max(len(own) - 1, 1)
             color = _mixed_with_white(PALETTE[k % len(PALETTE)], white)
@@ -286,17 +293,21 @@ def _unique(given: list[str], otherwise: list[str]) -> list[str]:
     return [name if name and taken.count(name) == 1 else other for name, other in zip(given, otherwise, strict=True)]
 
 
-def _radii(nested: Sequence[Rod]) -> list[float]:
+def _radii(nested: Sequence[Rod], found: "Found | None") -> list[float]:
     """Radii to draw, innermost first: half the outer diameter, or what makes the nesting visible where none is given."""
-    given = [None if rod.outer_diameter is None else 0.5 * rod.outer_diameter for rod in nested]
+    sizes = [None if rod.outer_diameter is None else np.asarray(rod.outer_diameter) for rod in nested]
+    given = [
+        None if size is None else 0.5 * float(np.max(size if found is None else found._parameter(size, 0), initial=0.0))
+        for size in sizes
+    ]
     known = [(k, radius) for k, radius in enumerate(given) if radius is not None]
     last, radius = known[-1] if known else (len(nested) - 1, _THICKNESS * max(float(np.max(rod.length)) for rod in nested))
     around = radius / _NESTING ** (len(nested) - last)
-    found = []
+    result = []
     for own in reversed(given):
         around = _NESTING * around if own is None else own
-        found.append(around)
-    return found[::-1]
+        result.append(around)
+    return result[::-1]
 
 
 def _shade(k: int) -> str:

@@ -121,8 +121,8 @@ def _table(stage: Stage) -> list[str]:
         drawn = f"{2e3 * stage.rods[index].radius:.3g}"
         if rod.outer_diameter is None:
             drawn += " (not given)"
-        elif stage.rods[index].radius > 0.51 * rod.outer_diameter:
-            drawn += f" (is {1e3 * rod.outer_diameter:.3g})"
+        elif np.ndim(rod.outer_diameter) or stage.rods[index].radius > 0.51 * rod.outer_diameter:
+            drawn += f" (is {_span([1e3 * np.asarray(rod.outer_diameter)])})"
         rows.setdefault((_span([rod.length]), bending, torsion, drawn), []).append(index)
     lines = []
     for values, indices in rows.items():

@@ -149,7 +149,7 @@ class Stage:
             scale, moment_scale = (final_scale(largest(loads, kind), size) for kind in ("force", "moment"))
             extent.add(arrow_ends(loads, {"force": scale if force_scale is None else force_scale, "moment": moment_scale}))
             frame = Frame(extent.points)
-        whole = drawn_rods(assembly)
+        whole = drawn_rods(assembly, block)
         part = beside_lines(assembly.rods, whole)
         rods = _visible([replace(rod, radius=part * rod.radius) for rod in whole], size)
         reference_rods = () if reference is None else _visible(drawn_rods(reference.assembly), size)

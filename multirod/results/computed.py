@@ -58,8 +58,11 @@ class Computed(Found[Robot_co]):
             return
         unsettled = ~settled(self._outcome.status.reshape(-1))
         if shapes is None:
-            unknowns = self._records[:, self._scene.fields["unknowns"]]
-            self._strain_said = plausibility.of_bases(self.assembly, unknowns, unsettled)
+            outer = self.assembly.rods[0].outer_diameter
+            if outer is not None:
+                unknowns = self._records[:, self._scene.fields["unknowns"]]
+                diameter = self._parameter(np.asarray(outer), 0)
+                self._strain_said = plausibility.of_bases(self.assembly, unknowns, unsettled, diameter.reshape(-1))
         else:
             from multirod.results.strains import bound, largest
 

@@ -100,8 +100,9 @@ def rod(own: "Rod") -> str:
     if len(own.sections) > SECTIONS:
         notes.append(f"the first {SECTIONS} of {len(own.sections)} sections")
     if own.outer_diameter is not None:
-        inner = f", inner {1e3 * own.inner_diameter:g} mm" if own.inner_diameter else ""
-        notes.append(f"outer diameter {1e3 * own.outer_diameter:g} mm{inner}")
+        hollow = np.multiply(1e3, 0.0 if own.inner_diameter is None else own.inner_diameter)
+        inner = f", inner {_range(hollow)} mm" if np.any(hollow) else ""
+        notes.append(f"outer diameter {_range(np.multiply(1e3, own.outer_diameter))} mm{inner}")
     notes += [f"line: {line!r}" for line in own.lines] + [f"carries {type(member).__name__}" for member in own.members]
     notes += [f"under {type(load).__name__}" for load in own.loads]
     if own.discs is not None:
@@ -118,7 +119,7 @@ def robot(assembly: "Assembly") -> str:
 
     rows: list[Cells] = []
     for drawn, own in zip(drawn_rods(assembly), assembly.rods, strict=True):
-        diameter = None if own.outer_diameter is None else 1e3 * own.outer_diameter
+        diameter = None if own.outer_diameter is None else _range(np.multiply(1e3, own.outer_diameter))
         first = own.sections[0]
         stiffness = _range(first.bending_stiffness, 1), _range(first.torsional_stiffness)
         count = len(own.sections)

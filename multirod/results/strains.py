@@ -38,7 +38,7 @@ def bound(rods: Sequence[Rod], shapes: Sequence[Shape]) -> float:
             softest = min(float(np.min(section.bending_stiffness)) for section in rod.sections)
             stretches = min(float(np.min(section.axial_stiffness)) for section in rod.sections)
             bent, pulled = (np.abs(values).max(initial=0.0) for values in (shape.moment[..., :2], shape.force[..., 2]))
-            each.append(0.5 * rod.outer_diameter * np.sqrt(2) * bent / softest + pulled / stretches)
+            each.append(0.5 * float(np.max(rod.outer_diameter)) * np.sqrt(2) * bent / softest + pulled / stretches)
     return float(np.max(each))
 
 
@@ -59,7 +59,8 @@ def strains(solution: "Found", rod: int, shape: Shape) -> dict[str, FloatArray]:
     compliance = _compliances(solution, own, np.asarray(shape.arclength) - shift)
     found = {}
     if own.outer_diameter is not None:
-        turned = 0.5 * own.outer_diameter * compliance[..., :3] * shape.moment
+        radius = 0.5 * solution._parameter(np.asarray(own.outer_diameter), 0)[..., None, None]
+        turned = radius * compliance[..., :3] * shape.moment
         found["bending"] = np.hypot(turned[..., 0], turned[..., 1])
         found["torsion"] = np.abs(turned[..., 2])
     stretched = compliance[..., 3:] * shape.force

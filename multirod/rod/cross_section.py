@@ -1,6 +1,6 @@
 """Round cross-sections: what follows from diameters and moduli."""
 
-import math
+from typing import TypeAlias
 
 import numpy as np
 
@@ -8,11 +8,14 @@ from multirod.validation import (
     LARGEST,
     SMALLEST,
     FloatArray,
+    array,
+    first_of,
     number,
     positive_array,
-    positive_float,
     refuse,
 )
+
+Diameter: TypeAlias = float | FloatArray  # [m], (...) where it has leading axes
 
 LARGEST_DIAMETER = 1e12  # m, whose fourth power no modulus makes too large
 
@@ -40,6 +43,21 @@ def within(values: FloatArray) -> bool:
     return bool(((values >= SMALLEST) & (values <= LARGEST)).all())
 
 
+def round_section(E: FloatArray, G: FloatArray, outer: Diameter, inner: Diameter) -> tuple[FloatArray, FloatArray]:
+    """Second moment of area [m^4] and area [m^2] of a round section, in whose axes those of the moduli broadcast."""
+    d, hollow = (np.square(size) for size in (outer, inner))  # no powers: of arrays these may be rounded otherwise than alone
+    I, A = np.asarray(np.pi / 64 * (d * d - hollow * hollow)), np.asarray(np.pi / 4 * (d - hollow))
+    try:
+        np.broadcast_shapes(E.shape, G.shape, I.shape)
+    except ValueError:
+        shapes = f"{E.shape}, {G.shape} and {I.shape}"
+        raise ValueError(f"the batch axes of young_modulus, shear_modulus and diameters, {shapes}, do not broadcast") from None
+    if (wrong := ~(I > 0)).any():
+        bad = first_of(wrong, np.broadcast_to(outer, I.shape), outer)
+        refuse("Rod.outer_diameter", bad, "must be > inner_diameter by more than rounding, its fourth power no zero")
+    return I, A
+
+
 def stretching(E: FloatArray, G: FloatArray, A: FloatArray | float, hollow: FloatArray | float) -> tuple[FloatArray, FloatArray]:
     """(5a) ``EA`` and ``GA`` [N] of a round section of area ``A`` whose inner diameter is ``hollow`` times the outer."""
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
@@ -48,18 +66,33 @@ def stretching(E: FloatArray, G: FloatArray, A: FloatArray | float, hollow: Floa
         return np.asarray(E * A), np.asarray(k * G * A)
 
 
-def diameters(outer: float | None, inner: float | None) -> tuple[float | None, float | None]:
-    """Checked diameters [m]."""
-    if outer is not None:
-        outer = positive_float("Rod.outer_diameter", outer)
-        if outer > LARGEST_DIAMETER:
-            refuse("Rod.outer_diameter", outer, f"must be finite and > 0, and at most {LARGEST_DIAMETER:g} m")
-    if inner is not None:
-        value = number("Rod.inner_diameter", inner)
-        limit = math.inf if outer is None else outer
-        if not (math.isfinite(value) and 0 <= value < limit):
-            refuse("Rod.inner_diameter", inner, "must be finite, >= 0 and smaller than outer_diameter")
-        if outer is None and value != 0:
-            refuse("Rod.inner_diameter", inner, "must not be given without outer_diameter")
-        inner = value
-    return outer, inner
+def diameter_of(field: str, value: object) -> Diameter:
+    """A checked diameter [m], a number or with leading axes."""
+    result = positive_array(field, value, smallest=0.0)
+    if (wrong := result > LARGEST_DIAMETER).any():
+        refuse(field, first_of(wrong, result, value), f"must be finite and > 0, and at most {LARGEST_DIAMETER:g} m")
+    return _plain(result)
+
+
+def diameters(outer: object, inner: object) -> tuple[Diameter | None, Diameter | None]:
+    """Checked diameters [m] of one section."""
+    thick = None if outer is None else diameter_of("Rod.outer_diameter", outer)
+    if inner is None:
+        return thick, None
+    hollow = array("Rod.inner_diameter", inner, finite=False)
+    limit = np.asarray(np.inf if thick is None else thick)
+    try:
+        wrong = ~((hollow >= 0) & (hollow < limit))
+    except ValueError:
+        allowed = f"its leading axes {hollow.shape} must broadcast with those of outer_diameter, {limit.shape}"
+        refuse("Rod.inner_diameter", inner, allowed)
+    if wrong.any():
+        bad = first_of(wrong, np.broadcast_to(hollow, wrong.shape), inner)
+        refuse("Rod.inner_diameter", bad, "must be finite, >= 0 and smaller than outer_diameter")
+    if thick is None and hollow.any():
+        refuse("Rod.inner_diameter", inner, "must not be given without outer_diameter")
+    return thick, _plain(hollow)
+
+
+def _plain(values: FloatArray) -> Diameter:
+    return values if values.ndim else float(values)

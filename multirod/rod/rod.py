@@ -1,6 +1,5 @@
 """Rods: lengths, stiffnesses and precurvature, checked at construction."""
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -9,7 +8,7 @@ import numpy as np
 from multirod import plausibility
 from multirod.naming import hinted
 from multirod.read_only import ReadOnly
-from multirod.rod.cross_section import diameters, shear_modulus_of, stretching, within
+from multirod.rod.cross_section import Diameter, diameter_of, diameters, round_section, shear_modulus_of, stretching, within
 from multirod.rod.section import OfSections, Section, by_section
 from multirod.types import Numbers, Precurvature
 from multirod.validation import (
@@ -62,7 +61,7 @@ class Rod(OfSections, ReadOnly):
             not matter.
         loads: Loads along it that depend on its configuration (``Load``, ``docs/extending.md``), one of each kind.
         sections: ``Section`` objects from base to tip, instead of all the above.
-        outer_diameter: For drawing, to check that tubes nest, and for strain [m].
+        outer_diameter: For drawing, to check that tubes nest, and for strain [m], (...).
         inner_diameter: The same [m].
         name: How the rod is called in results and recordings.
 
@@ -98,8 +97,8 @@ class Rod(OfSections, ReadOnly):
         discs: float | None = None,
         loads: Sequence["Load"] = (),
         sections: Sequence[Section] | None = None,
-        outer_diameter: float | None = None,
-        inner_diameter: float | None = None,
+        outer_diameter: Numbers | None = None,
+        inner_diameter: Numbers | None = None,
         name: str = "",
     ) -> None:
         given = {
@@ -135,16 +134,21 @@ class Rod(OfSections, ReadOnly):
         self.discs = None if discs is None else positive_float("Rod.discs", discs)
         self.lines = _lines(lines, self)
         self.loads = _loads(loads)
+        self.outer_diameter: Diameter | None
+        self.inner_diameter: Diameter | None
         self.outer_diameter, self.inner_diameter = diameters(outer_diameter, inner_diameter)
         if not isinstance(name, str):
             refuse("Rod.name", name, "must be a string")
         self.name = name
         try:
             self.batch_shape: tuple[int, ...] = np.broadcast_shapes(
-                *(section.batch_shape for section in self.sections), *(line.batch_shape for line in self.lines)
+                *(section.batch_shape for section in self.sections),
+                *(line.batch_shape for line in self.lines),
+                *(np.shape(size) for size in (self.outer_diameter, self.inner_diameter) if size is not None),
             )
         except ValueError:
-            raise ValueError(f"the batch axes of a rod's sections{' and lines' * bool(lines)} do not broadcast") from None
+            others = " and lines" * bool(lines) + " and diameters" * isinstance(self.outer_diameter, np.ndarray)
+            raise ValueError(f"the batch axes of a rod's sections{others} do not broadcast") from None
         plausibility.of_rod(self, self._material)
 
     @classmethod
@@ -153,10 +157,10 @@ class Rod(OfSections, ReadOnly):
         cls,
         *,
         length: Numbers,
-        outer_diameter: float,
-        inner_diameter: float = 0.0,
-        young_modulus: float,
-        shear_modulus: float | None = None,
+        outer_diameter: Numbers,
+        inner_diameter: Numbers = 0.0,
+        young_modulus: Numbers,
+        shear_modulus: Numbers | None = None,
         poisson_ratio: float | None = None,
         extensible: bool = False,
         precurvature: Precurvature | None = None,
@@ -173,9 +177,9 @@ class Rod(OfSections, ReadOnly):
 
         Args:
             length: Arclength [m].
-            outer_diameter: [m].
-            inner_diameter: [m].
-            young_modulus: ``E`` [Pa].
+            outer_diameter: [m], (...).
+            inner_diameter: [m], (...).
+            young_modulus: ``E`` [Pa], (...).
             shear_modulus: ``G`` [Pa].
             poisson_ratio: Instead, ``nu = E/(2G) - 1``.
             extensible: Whether it stretches and shears: ``axial_stiffness = E A`` and ``shear_stiffness = k G A`` of its section
@@ -207,21 +211,18 @@ class Rod(OfSections, ReadOnly):
         G = shear_modulus_of(E, shear_modulus, poisson_ratio)
         rho = nonnegative_float("Rod.density", density)
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            I = math.pi / 64 * (np.float64(outer) ** 4 - np.float64(inner) ** 4)
-            A = math.pi / 4 * (np.float64(outer) ** 2 - np.float64(inner) ** 2)
+            I, A = round_section(E, G, outer, inner)
             EI, GJ, mass = E * I, G * 2 * I, rho * A
-        if not I > 0:
-            refuse("Rod.outer_diameter", outer, "must be > inner_diameter by more than rounding, its fourth power no zero")
         for field_name, given, result in (("young_modulus", young_modulus, EI), ("shear_modulus", shear_modulus, GJ)):
             if not within(result):
                 refuse(f"Rod.{field_name}", given, f"must make EI and GJ from {SMALLEST:g} to {LARGEST:g} N m^2")
         stiff: dict[str, FloatArray] = {}
         if boolean("Rod.extensible", extensible):
-            EA, GA = stretching(E, G, A, np.float64(inner) / outer)
+            EA, GA = stretching(E, G, A, np.asarray(inner) / outer)
             if not (within(EA) and within(GA)):
                 refuse("Rod.young_modulus", young_modulus, f"must make EA and GA from {SMALLEST:g} to {LARGEST:g} N")
             stiff = {"axial_stiffness": EA, "shear_stiffness": GA[..., None]}
-        if not mass <= LARGEST:
+        if not (mass <= LARGEST).all():
             refuse("Rod.density", density, f"must make the mass per length at most {LARGEST:g} kg/m")
         if magnetisation is not None:
             magnetisation = array("Rod.magnetisation", magnetisation, (3,))
@@ -234,8 +235,8 @@ class Rod(OfSections, ReadOnly):
             torsional_stiffness=GJ,
             **stiff,
             precurvature=precurvature,
-            linear_density=float(mass),
-            magnetisation=None if magnetisation is None else float(A) * magnetisation,
+            linear_density=mass,
+            magnetisation=None if magnetisation is None else A[..., None] * magnetisation,
             outer_diameter=outer,
             inner_diameter=inner,
             foundation=foundation,
@@ -253,9 +254,9 @@ class Rod(OfSections, ReadOnly):
         cls,
         *,
         length: Numbers,
-        diameter: float,
-        young_modulus: float,
-        shear_modulus: float | None = None,
+        diameter: Numbers,
+        young_modulus: Numbers,
+        shear_modulus: Numbers | None = None,
         poisson_ratio: float | None = None,
         extensible: bool = False,
         precurvature: Precurvature | None = None,
@@ -272,8 +273,8 @@ class Rod(OfSections, ReadOnly):
 
         Args:
             length: Arclength [m].
-            diameter: [m].
-            young_modulus: ``E`` [Pa].
+            diameter: [m], (...).
+            young_modulus: ``E`` [Pa], (...).
             shear_modulus: ``G`` [Pa].
             poisson_ratio: Instead, ``nu = E/(2G) - 1``.
             extensible: As for ``Rod.tube``; here ``k = 6 (1 + nu) / (7 + 6 nu)``.
@@ -296,7 +297,7 @@ class Rod(OfSections, ReadOnly):
         """
         return cls.tube(
             length=length,
-            outer_diameter=positive_float("Rod.diameter", diameter),
+            outer_diameter=diameter_of("Rod.diameter", diameter),
             young_modulus=young_modulus,
             shear_modulus=shear_modulus,
             poisson_ratio=poisson_ratio,
