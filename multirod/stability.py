@@ -51,6 +51,8 @@ class Modes:
         hidden: Unstable modes that the condensed form does not show, less its constraints, shape (batch,).
         uncertainty: Of each value: how far the form is from being symmetric, as it is for exact columns, in the direction of its
             eigenvector, over ``K/L``, shape (batch, count).
+        neutral_below: The size below which each value is taken for a neutral mode's, over ``K/L``, shape (batch, count):
+            ``NEUTRAL``, or less where it belongs to a constraint that hardly gives way.
         known: Whether the above can be said, shape (batch,).
         diverging: Whether loads without a potential drive an odd number of modes away, shape (batch,).
     """
@@ -58,6 +60,7 @@ class Modes:
     values: FloatArray
     hidden: NDArray[np.int32]
     uncertainty: FloatArray
+    neutral_below: FloatArray
     known: NDArray[np.bool_]
     diverging: NDArray[np.bool_]
 
@@ -67,6 +70,7 @@ class Modes:
         return cls(
             np.full((batch, count), np.nan),
             np.zeros(batch, dtype=np.int32),
+            np.full((batch, count), np.nan),
             np.full((batch, count), np.nan),
             np.zeros(batch, dtype=bool),
             np.zeros(batch, dtype=bool),
@@ -85,7 +89,7 @@ class Modes:
     def _soft(self) -> NDArray[np.bool_]:
         """Which values cannot be told from zero."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.abs(self.values) <= NEUTRAL + self.uncertainty)
+            return np.asarray(np.abs(self.values) <= self.neutral_below + self.uncertainty)
 
     @property
     def soft(self) -> NDArray[np.intp]:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 AXIS = np.array([0.0, 0.0, 1.0])  # of a rod
 STRAIGHT = 1e-6  # how little rods are bent that have no plane [rad]
 NONE = 1e-9  # of EI/L^3: a load along the rod that is none; so little tells a place around to no tolerance
+PULLED = 1e-9  # of its length, by which a rod that is pulled is longer
 SMALL = 1e-4  # square of an angle under which quotients are series
 
 
@@ -285,3 +286,18 @@ def straight_at_rest(problem: "HeldProblem") -> NDArray[np.bool_]:
     curvature = problem.rod.arrays.precurvature
     bent = np.abs(curvature.reshape(*curvature.shape[:3], -1, 3)[..., :2]).max(axis=(1, 2, 3, 4))
     return np.asarray(problem.rod.each(bent) == 0)
+
+
+def pulled(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """Whether an end that does not slide is held further from the base than the rod is long, shape (instance_count,)."""
+    way = problem.goal()[0] - problem.rod.table.base_position.numpy()
+    pulled = np.linalg.norm(way, axis=1) > (1 + PULLED) * problem.length_in_use()
+    return np.asarray(pulled & (problem.holders.slide is None))
+
+
+def loaded(problem: "HeldProblem") -> NDArray[np.bool_]:
+    """Whether anything acts on the rod or its end, shape (instance_count,)."""
+    inputs = problem.read("inputs")[:, 2:-1]  # neither turned nor pushed out, nor the scale of functions of arclength
+    inputs[:, problem.table.pose - 2 : problem.table.pose - 2 + 6] = 0.0
+    terms = problem.rod.features
+    return np.asarray(inputs.any(axis=1) | (terms.profile_degree >= 0) | terms.world_force_is_state)

@@ -88,7 +88,9 @@ class HeldStability(StabilityAnalysis):
         form = by.swapaxes(1, 2) @ matrix @ by
         known = condensed.known & np.isfinite(form).all(axis=(1, 2))
         potential = self.has_potential
-        values, uncertainty = symmetric_eigenvalues(form, known & potential)
+        # (27) of the stability of rods in general
+        firm = (condensed.conjugate == 0)[:, None] & (np.arange(form.shape[1]) >= turns)
+        told = symmetric_eigenvalues(form, known & potential, firm)
         hidden = condensed.conjugate - np.int32(form.shape[1] - turns)
         diverging = known & ~potential
         if diverging.any():
@@ -96,10 +98,11 @@ class HeldStability(StabilityAnalysis):
             diverging[diverging] = sign * (-1.0) ** hidden[diverging] < 0
         for k, neutral in self._neutral(by, form, known & potential, wrench):
             across = np.linalg.svd(neutral)[2][len(neutral) :]
-            own, loose = symmetric_eigenvalues((across @ form[k] @ across.T)[None], np.ones(1, dtype=bool))
-            rest = np.full(len(neutral), np.inf)
-            values[k], uncertainty[k] = np.append(own[0], rest), np.append(loose[0], np.zeros_like(rest))
-        return Modes(values, hidden, uncertainty, known & potential, diverging)
+            all_firm = np.full((1, len(across)), firm[k].all())
+            own = symmetric_eigenvalues((across @ form[k] @ across.T)[None], np.ones(1, dtype=bool), all_firm)
+            for name, rest in (("values", np.inf), ("uncertainty", 0.0), ("neutral_below", 0.0)):
+                getattr(told, name)[k] = np.append(getattr(own, name)[0], np.full(len(neutral), rest))
+        return told.modes(hidden, known & potential, diverging)
 
     def _held_by(self) -> FloatArray:
         """Angles of the base, moments across the joint's axes and forces across the slide, as columns in the world."""

@@ -19,6 +19,8 @@ from multirod.models.held.costless import (
     force_along,
     free_in_balls,
     hold_base,
+    loaded,
+    pulled,
     straight_at_rest,
     turned_to,
 )
@@ -39,6 +41,7 @@ INTEGRATIONS_AT_REST = 3
 SETTLING = 4  # and more where a rod begins buckled
 REGULAR = 1e-7  # smallest singular value of Gamma at rest, from which the path begins there
 SINGULAR = 1e-12  # the same, to rounding
+STRETCHES = 1e-11  # the same of thin rods that stretch, however little
 SAME = 1e-9  # of its length, and rad: what the end may be aside of where it is at rest, and no rod has to bend for
 # of its length, what a rod is shortened by that begins buckled: from where on it is, the least where its end is turned, the most
 BUCKLED, TURNED, MOST = 1e-6, 0.05, 0.3
@@ -128,7 +131,8 @@ def begin(problem: "HeldProblem") -> Begun:
         if buckled.any():
             x, residual, gamma = _settled(problem, x, residual, gamma, buckled)
         least = _least_singular_value(gamma)
-        stuck = ~(least > REGULAR) & ~_stays(problem, position, rotation) & ~led
+        gives_way = (least > REGULAR) | ((least > STRETCHES) & pulled(problem))
+        stuck = ~gives_way & ~_stays(problem, position, rotation) & ~led
         if stuck.any() or problem.rod.features.shear:
             by_place = np.where(led[:, None], 0.0, drawn_beside(problem))
             aside = np.where(led[:, None], 0.0, drawn_aside(problem)) + by_place
@@ -287,14 +291,6 @@ def _settled(
         away = ~(np.abs(residual).max(axis=1) < np.abs(residuals).max(axis=1)) | ~chosen
     x[away], residual[away], gamma[away] = first[away], residuals[away], gammas[away]
     return x, residual, gamma
-
-
-def loaded(problem: "HeldProblem") -> NDArray[np.bool_]:
-    """Whether anything acts on the rod or its end, shape (instance_count,)."""
-    inputs = problem.read("inputs")[:, 2:-1]  # neither turned nor pushed out, nor the scale of functions of arclength
-    inputs[:, problem.table.pose - 2 : problem.table.pose - 2 + 6] = 0.0
-    terms = problem.rod.features
-    return np.asarray(inputs.any(axis=1) | (terms.profile_degree >= 0) | terms.world_force_is_state)
 
 
 def _lower(

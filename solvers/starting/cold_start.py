@@ -125,12 +125,14 @@ class ColdStart:
             return self.outcome
         if self.options.fallback and self.problem.rounding > DOUBLE_ROUNDING and self.problem.parts is not None:
             return self._in_double(self.problem.parts)
+        crept = self.lost & self.handed
         with self._searching():
             self._released().begin(self.lost & np.isin(self.outcome.status, WITHOUT_REASON))
-            self._put_together()
+            self._put_together(self.lost & ~crept)
         # the poses that it finds are not those of the unknowns: nothing may integrate these again
         if self.handed.any() and self.outcome.reached is not None:
             self._hand_over()
+            self._put_together(self.lost & crept)
         if self.options.fallback and failures(self.outcome.status).any():
             in_segments(self.options).rescue(self.problem, self.outcome, self._allowed, self.tried)
         self._follow()
@@ -199,28 +201,30 @@ class ColdStart:
         if self.options.at_fold != "stop":
             self._released().begin_scattered(self.lost & np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE)))
 
-    def _put_together(self) -> None:
-        """By joints that close, and where several stable equilibria are meant, to the lowest one."""
+    def _put_together(self, some: BoolArray) -> None:
+        """By joints that close, and where several stable equilibria are meant, to the lowest one, of ``some`` that are lost."""
+        if not some.any():
+            return
         problem, newton, outcome, steps = self.problem, self.newton, self.outcome, self.options.max_continuation_steps
         further = None if self.options.at_fold == "stop" else self._follow_part
         newton.allow(self._allowed)
         closed: Closed = {}
-        ended = assemble(problem, newton, outcome, self.lost, steps, further, closed=closed)
+        ended = assemble(problem, newton, outcome, some, steps, further, closed=closed)
         if further is None:
             outcome.status[ended] = Status.BRANCH_END
             self.chosen = self.chosen & ~ended
         if outcome.reached is not None and self._multistable:
-            self._go_on(self.chosen & (outcome.status == Status.BRANCH_END))
+            self._go_on(some & self.chosen & (outcome.status == Status.BRANCH_END))
         if further is None:
             return
 
         def by_closing() -> None:
             open_ = np.zeros_like(ended)
             open_[[place for place, (status, *_) in closed.items() if status.failed]] = True
-            assemble(problem, newton, outcome, self.lost & open_, steps, further, closed=closed, closing=True)
+            assemble(problem, newton, outcome, some & self.lost & open_, steps, further, closed=closed, closing=True)
 
         def from_several_places() -> None:
-            lowest_stable(problem, newton, outcome, self.lost, steps, further, self.options.sign)
+            lowest_stable(problem, newton, outcome, some & self.lost, steps, further, self.options.sign)
 
         # what has no clamps may snap within its legs as joints close, to wherever
         told = problem.parts is not None and problem.parts.all_clamped

@@ -54,12 +54,12 @@ class FormRows:
         return 3 * self._rods + int((self.tensions >= 0).sum())
 
     @cached_property
-    def constraints(self) -> list[NDArray[np.intp]]:
-        """Rows that are multipliers of constraints, of each rod that has such: what holds its tip where it is, and what holds its
+    def constraints(self) -> dict[int, NDArray[np.intp]]:
+        """Rows that are multipliers of constraints, by the rods that have such: what holds the tip where it is, and what holds
         lines as long as they are."""
         held, places = self._graph.ends[1].held, self.of_tensions
         own = [[*(3 * k + np.arange(3) if held[k] else ()), *places[k][places[k] >= 0]] for k in range(len(held))]
-        return [np.array(rows) for rows in own if rows]
+        return {rod: np.array(rows) for rod, rows in enumerate(own) if rows}
 
     @cached_property
     def others(self) -> NDArray[np.intp]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.backbone.stability.condensing.second_variation import symmetric_eigenvalues
+from multirod.models.backbone.stability.condensing.second_variation import Eigenvalues, neutral_sizes, symmetric_eigenvalues
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -23,15 +23,19 @@ SAFE = 0.25  # of the eigenvalue next to zero, by which they may
 
 
 def nearest_to_zero(
-    form: "csr_matrix[np.float64]", constraints: Sequence[NDArray[np.intp]], count: int
-) -> tuple[FloatArray, FloatArray, int] | None:
-    """(18) Of the symmetric part of a sparse matrix: its ``count`` eigenvalues next to zero, rising, what the rest does to their
-    eigenvectors, and how many eigenvalues are lower than these; None where rounding hides it.
+    form: "csr_matrix[np.float64]", constraints: Sequence[NDArray[np.intp]], firm: NDArray[np.bool_], count: int
+) -> tuple[Eigenvalues, int] | None:
+    """(18) Of the symmetric part of a sparse matrix: its ``count`` eigenvalues next to zero, and how many eigenvalues are lower
+    than these; None where rounding hides it.
 
     Args:
         form: A matrix of SciPy's.
         constraints: Rows that are multipliers of constraints, of each rod.
+        firm: As of ``symmetric_eigenvalues``, shape (n,).
         count: How many.
+
+    Returns:
+        Eigenvalues of one instance, shape (count,), and a number.
     """
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
@@ -43,14 +47,15 @@ def nearest_to_zero(
         start = np.random.default_rng(0).standard_normal(form.shape[0])
         values, vectors = eigsh(symmetric, k=count, sigma=0.0, OPinv=inverse, v0=start)
     except (RuntimeError, ArpackError):
-        return _whole(form, count)
+        return _whole(form, firm, count)
     order = np.argsort(values)
     values, vectors = values[order], vectors[:, order]
     softness = min(SOFTEST, SAFE * float(np.abs(values).min()))
     negative = _negative(symmetric.tocsr(), constraints, softness)
     if negative is None:
-        return _whole(form, count)
-    return values, np.linalg.norm(rest @ vectors, axis=0), negative - int((values < 0).sum())
+        return _whole(form, firm, count)
+    told = Eigenvalues(values, np.linalg.norm(rest @ vectors, axis=0), neutral_sizes(vectors, firm))
+    return told, negative - int((values < 0).sum())
 
 
 def _negative(form: "csr_matrix[np.float64]", constraints: Sequence[NDArray[np.intp]], softness: float) -> int | None:
@@ -76,12 +81,12 @@ def _negative(form: "csr_matrix[np.float64]", constraints: Sequence[NDArray[np.i
     return len(at) if symmetric and (factors.U.diagonal() > 0).all() else None
 
 
-def _whole(form: "csr_matrix[np.float64]", count: int) -> tuple[FloatArray, FloatArray, int] | None:
-    values, uncertainty = symmetric_eigenvalues(form.toarray()[None], np.ones(1, dtype=bool))
-    if not np.isfinite(values).all():
+def _whole(form: "csr_matrix[np.float64]", firm: NDArray[np.bool_], count: int) -> tuple[Eigenvalues, int] | None:
+    told = symmetric_eigenvalues(form.toarray()[None], np.ones(1, dtype=bool), firm[None])
+    if not np.isfinite(told.values).all():
         return None
-    first = int(np.clip(np.argsort(np.abs(values[0]))[:count].min(), 0, values.shape[1] - count))
-    return values[0, first : first + count], uncertainty[0, first : first + count], first
+    first = int(np.clip(np.argsort(np.abs(told.values[0]))[:count].min(), 0, told.values.shape[1] - count))
+    return Eigenvalues(*(own[0, first : first + count] for own in vars(told).values())), first
 
 
 @dataclass(frozen=True)

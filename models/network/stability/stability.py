@@ -13,6 +13,7 @@ from multirod.models.backbone.stability.condensing.inverses import row_condition
 from multirod.models.backbone.stability.condensing.second_variation import (
     STIFF,
     WORST_CONDITION,
+    Eigenvalues,
     TipJoint,
     certain_determinant,
     symmetric_eigenvalues,
@@ -80,46 +81,50 @@ class NetworkStability(StabilityAnalysis):
             elimination = self._elimination(elements)
             joints = self._freed(state, elimination)
             form = self._form(state, elements, elimination)
-            hidden, known = self._of_rods(joints)
+            alone, known = self._of_rods(joints)
         sparse = isinstance(form, list)
         known &= elimination.sound & np.array([np.isfinite(own.data if sparse else own).all() for own in form])
         potential = self.has_potential
         blocks = self.rows.constraints
-        hidden = hidden - sum(len(own) for own in blocks)
+        hidden = alone.sum(axis=1) - sum(map(len, blocks.values()))
+        firm = np.zeros((count, self.rows.size), dtype=bool)
+        for rod, places in blocks.items():
+            firm[:, places] = (alone[:, rod] == 0)[:, None]
         if sparse:
-            values, uncertainty = np.full((2, count, NEAREST), np.nan)
+            told = Eigenvalues(*np.full((3, count, NEAREST), np.nan))
             for k in np.flatnonzero(known & potential).tolist():
-                found = nearest_to_zero(form[k], blocks, NEAREST)
+                found = nearest_to_zero(form[k], list(blocks.values()), firm[k], NEAREST)
                 known[k] = found is not None
                 if found is not None:
-                    values[k], uncertainty[k], below = found
+                    own, below = found
+                    told.values[k], told.uncertainty[k], told.neutral_below[k] = own.values, own.uncertainty, own.neutral_below
                     hidden[k] += below
         else:
-            values, uncertainty = symmetric_eigenvalues(form, known & potential)
+            told = symmetric_eigenvalues(form, known & potential, firm)
         if not form[0].shape[0]:  # rods between fixed places have nothing that is free
-            values, uncertainty = np.full((count, 1), np.inf), np.zeros((count, 1))
+            told = Eigenvalues(np.full((count, 1), np.inf), *np.zeros((2, count, 1)))
         diverging = known & ~potential
         if diverging.any():
             matrices = np.stack([form[k].toarray() if sparse else form[k] for k in np.flatnonzero(diverging).tolist()])
             diverging[diverging] = np.sign(certain_determinant(matrices)) * (-1.0) ** hidden[diverging] < 0
-        return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
+        return told.modes(hidden.astype(np.int32), known & potential, diverging)
 
     def _of_rods(self, joints: TipJoint | None) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-        """Unstable modes of the rods between clamped ends, but for ``joints`` at tips, shape (instance, rod, ...), the forces on
-        these and the tensions of their lines fixed; and whether they are known."""
+        """Unstable modes of each rod between clamped ends, but for ``joints`` at tips, shape (instance, rod, ...), the forces on
+        these and the tensions of their lines fixed, shape (instance, rod); and whether they are known, shape (instance,)."""
         count = self.problem.instance_count
-        hidden, known = np.zeros(count, dtype=int), np.ones(count, dtype=bool)
+        hidden, known = np.zeros((count, self.problem.rod_count), dtype=int), np.ones(count, dtype=bool)
         for group in self.problem.groups:
             own = None if joints is None else joints.take((slice(None), group.members)).joined()
             form, _ = group.backbones.stability.condensed_form(own, tensions_fixed=True)
-            hidden += form.conjugate.reshape(count, -1).sum(axis=1)
+            hidden[:, group.members] = form.conjugate.reshape(count, -1)
             known &= form.known.reshape(count, -1).all(axis=1)
             known &= group.backbones.lines.stays_stiff().reshape(count, -1).all(axis=1)
             if len(group.backbones.rods) > 1:  # tubes whose tips turn against the first are free to
                 free = form.matrix[:, 3:-3, 3:-3]
-                values, uncertainty = symmetric_eigenvalues(free, form.known)
-                hidden += (values < 0).sum(axis=1).reshape(count, -1).sum(axis=1)
-                known &= (np.abs(values) > uncertainty).all(axis=1).reshape(count, -1).all(axis=1)
+                told = symmetric_eigenvalues(free, form.known)
+                hidden[:, group.members] += (told.values < 0).sum(axis=1).reshape(count, -1)
+                known &= (np.abs(told.values) > told.uncertainty).all(axis=1).reshape(count, -1).all(axis=1)
         return hidden, known
 
     def _elimination(self, elements: Elements) -> "Elimination":

@@ -31,7 +31,7 @@ class HeldLegs:
 
     Attributes:
         forms: Of each leg, condensed to the rotation of the tip, free angles, and the force on it, shapes (batch, r, r).
-        conjugate: Negative eigenvalues of what was eliminated in all of them, shape (batch,).
+        conjugate: Negative eigenvalues of what was eliminated in each, shape (batch, leg).
         known: Whether rounding leaves all signs, shape (batch,).
         force: On the tips in the world [N], shape (batch, leg, 3).
         moment: On the tips in the world [N m], shape (batch, leg, 3).
@@ -104,21 +104,32 @@ def platform_modes(
     form, unit = _whole_form(legs, loads, length, stiffness)
     form *= unit[:, :, None] * unit[:, None, :] * (length / stiffness)[:, None, None]
     # each leg's position is held to the platform by three constraints
-    hidden = legs.conjugate - 3 * len(legs.forms)
+    hidden = legs.conjugate.sum(axis=1) - 3 * len(legs.forms)
     known = legs.known & np.isfinite(form).all(axis=(1, 2))
-    values, uncertainty = symmetric_eigenvalues(form, known & potential)
+    told = symmetric_eigenvalues(form, known & potential, _firm(legs, form.shape[1]))
     # without a potential the form is not symmetric; its determinant still has the sign of the number of modes that grow
     diverging = known & ~potential
     if diverging.any():
         sign = np.sign(certain_determinant(form[diverging]))
         diverging[diverging] = sign * (-1.0) ** hidden[diverging] < 0
-    return Modes(values, hidden.astype(np.int32), uncertainty, known & potential, diverging)
+    return told.modes(hidden.astype(np.int32), known & potential, diverging)
+
+
+def _places(legs: HeldLegs) -> FormPlaces:
+    return FormPlaces.of(tuple(own.shape[1] for own in legs.forms), legs.joints)
+
+
+def _firm(legs: HeldLegs, size: int) -> NDArray[np.bool_]:
+    """(27) Which variables of robots are forces on legs that are stable by themselves, shape (batch, size)."""
+    result = np.zeros((len(legs.conjugate), size), dtype=bool)
+    result[:, _places(legs).forces] = (legs.conjugate == 0)[..., None]
+    return result
 
 
 def _whole_form(legs: HeldLegs, loads: PlatformLoads, length: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(9), (10) The form by what is free of each leg, then the pose of the platform, and the unit of each, (batch, count)."""
     count = len(length)
-    places = FormPlaces.of(tuple(own.shape[1] for own in legs.forms), legs.joints)
+    places = _places(legs)
     size, forces = places.size, places.forces.reshape(-1)
     form, unit = np.zeros((count, size, size)), np.ones((count, size))
     position, rotation = slice(size - 6, size - 3), slice(size - 3, size)
@@ -167,12 +178,12 @@ class PlatformStability(StabilityAnalysis):
         arms = np.einsum("bij,blj->bli", rotation, at.arm)
         axes = np.einsum("bij,bljk,lk->bli", rotation, at.frame, at.axes)
         forms: list[FloatArray] = [np.zeros(0)] * legs
-        conjugate, known = np.zeros(count, dtype=int), np.ones(count, dtype=bool)
+        conjugate, known = np.zeros((count, legs), dtype=int), np.ones(count, dtype=bool)
         wrenches = np.zeros((count, legs, 6))
         for group in self.problem.groups:
             form, _ = group.backbones.stability.condensed_form()
             known &= (form.known & group.backbones.lines.stays_stiff()).reshape(count, -1).all(axis=1)
-            conjugate += form.conjugate.reshape(count, -1).sum(axis=1)
+            conjugate[:, group.members] = form.conjugate.reshape(count, -1)
             wrenches[:, group.members] = group.backbones.tip_wrench.numpy().reshape(count, -1, 6)
             own = form.matrix.reshape(count, -1, *form.matrix.shape[1:])
             for place, leg in enumerate(group.members):

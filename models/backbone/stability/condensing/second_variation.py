@@ -9,13 +9,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.stability import Modes
+from multirod.stability import NEUTRAL, Modes
 from multirod.validation import FloatArray
 
 Chosen: TypeAlias = NDArray[np.bool_] | NDArray[np.integer[Any]]  # instances of a batch
 
 MOST_NODES = 16385
 WORST_CONDITION = 1e12  # of the columns at a node; beyond it rounding may change a sign
+ROUNDED = 1e-12  # of K/L: what rounding leaves of an eigenvalue that vanishes
 STIFF = 100.0  # times K/L: what stands where a tube's angle has been eliminated
 
 
@@ -118,20 +119,53 @@ class CondensedForm:
 
     def modes(self, unit: FloatArray) -> Modes:
         """Of a backbone with a free tip, eigenvalues counted in ``unit`` [N m], shape (batch,)."""
-        values, uncertainty = symmetric_eigenvalues(self.matrix / unit[:, None, None], self.known)
-        return Modes(values, np.array(self.conjugate), uncertainty, np.array(self.known), np.zeros(len(values), dtype=bool))
+        told = symmetric_eigenvalues(self.matrix / unit[:, None, None], self.known)
+        return told.modes(np.array(self.conjugate), np.array(self.known), np.zeros(len(unit), dtype=bool))
 
 
-def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues (batch, n) of the symmetric part, and what the rest does to their eigenvectors (batch, n); NaN where not
-    known."""
-    values, uncertainty = np.full((2, *form.shape[:2]), np.nan)
+@dataclass(frozen=True)
+class Eigenvalues:
+    """Those of the symmetric part of forms, ascending, shape (batch, n); NaN where they are not known.
+
+    Attributes:
+        values: The eigenvalues.
+        uncertainty: What the rest of the form does to their eigenvectors.
+        neutral_below: (27) The size below which each is a neutral mode's.
+    """
+
+    values: FloatArray
+    uncertainty: FloatArray
+    neutral_below: FloatArray
+
+    def modes(self, hidden: NDArray[np.int32], known: NDArray[np.bool_], diverging: NDArray[np.bool_]) -> Modes:
+        """With what they do not show, each of shape (batch,)."""
+        return Modes(self.values, hidden, self.uncertainty, self.neutral_below, known, diverging)
+
+
+def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_], firm: NDArray[np.bool_] | None = None) -> Eigenvalues:
+    """Eigenvalues of forms (batch, n, n), where they are ``known``, shape (batch,).
+
+    Args:
+        firm: Which variables are multipliers of what holds rods that are stable by themselves, shape (batch, n); none by
+            default.
+    """
+    values, uncertainty, neutral_below = np.full((3, *form.shape[:2]), np.nan)
     turned = form.swapaxes(1, 2)
     chosen = slice(None) if known.all() else known  # which copies nothing
     values[chosen], vectors = np.linalg.eigh((form + turned)[chosen] / 2)
     lacking = (form - turned)[chosen] / 2 @ vectors
     uncertainty[chosen] = np.sqrt((lacking * lacking).sum(axis=1))
-    return values, uncertainty
+    neutral_below[chosen] = neutral_sizes(vectors, None if firm is None else firm[chosen])
+    return Eigenvalues(values, uncertainty, neutral_below)
+
+
+def neutral_sizes(vectors: FloatArray, firm: NDArray[np.bool_] | None) -> FloatArray:
+    """(27) The sizes below which eigenvalues are neutral modes', shape (..., n), by eigenvectors (..., n, n), the columns, and
+    which variables are ``firm``, shape (..., n)."""
+    if firm is None:
+        return np.full((*vectors.shape[:-2], vectors.shape[-1]), NEUTRAL)
+    share = np.where(firm[..., None], 0.0, vectors * vectors).sum(axis=-2)
+    return np.asarray(np.clip(share, ROUNDED, NEUTRAL))
 
 
 def certain_determinant(matrices: FloatArray) -> FloatArray:
