@@ -11,6 +11,7 @@ BACK = -0.5  # cosine below which it is not its quotient by the sine that is tak
 AIMLESS = 1e-12  # sine below which no direction is the shorter way back, and one is taken
 SIDEWAYS = 1e-2  # least sine in derivatives by turns that do not lead back: others are not to be lost beside these
 ORTHOGONAL = 1e-8  # what R R^T of a rotation may be off the identity
+TURNED = 1e-4  # the same of one that is measured: sensors round
 ALONG = 0.1  # of the most along an axis: what tells to what side something goes
 DIGITS_CUT = 0.02  # by which R R^T is off the identity at most where digits of a rotation were cut
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])

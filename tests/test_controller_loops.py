@@ -97,6 +97,45 @@ def test_six_legs_reach_a_target_that_jumps_aside():
     np.testing.assert_allclose(there.tip_position, target, atol=1e-6)
 
 
+def curved_tube(length, stiffness, torsional, curved, curvature):
+    at_rest = [(length - curved, (0, 0, 0)), (curved, (curvature, 0, 0))]
+    return mr.Rod(length=length, bending_stiffness=stiffness, torsional_stiffness=torsional, precurvature=at_rest)
+
+
+def test_commands_beside_a_fold_are_of_the_branch_that_leads_there_and_drives_find_back():
+    """A command was judged where it was to first order: from there the tubes snapped, it was STABLE, and all that followed it
+    were UNSTABLE for ever, at targets that had been reached before too."""
+    robot = mr.ConcentricTubes(
+        [
+            curved_tube(0.431, 0.00387, 0.00301, 0.103, 9),
+            curved_tube(0.332, 0.01717, 0.01402, 0.113, 6),
+            curved_tube(0.174, 0.03977, 0.05022, 0.134, 3.5),
+        ]
+    )
+    given = robot.inputs(rotation=(0.4, 0.8, -0.3), translation=(-0.28, -0.22, -0.1), tip_force=(0, 0.2, 0.1))
+    solver = mr.Shooting(integrator=STEPS)
+    first = mr.solve(robot, given, solver=solver)
+    free, limits = ("rotation", "translation"), mr.Limits(translation=(-0.4, 0), gap=1e-3)
+    loop = mr.Controller(robot, dt=0.01, free=free, limits=limits, guess=first, integrator=STEPS)
+    part, last, failed = np.linspace(0, 1, 13)[:, None], first, 0
+    for _ in range(40):
+        command = loop.step(position=(0.5, 0.5, 0.5))  # out of reach, and past a fold on the way there
+        failed += int(command.failed)
+        if command.failed:
+            continue
+        values = {name: getattr(last.inputs, name) * (1 - part) + getattr(command.inputs, name) * part for name in free}
+        slowly = mr.simulate(robot, robot.inputs(**values, tip_force=(0, 0.2, 0.1)), time=part[:, 0], solver=solver, guess=last)
+        last = slowly[-1].raise_if_failed()
+        assert command.stability is last.stability is mr.Stability.STABLE
+        np.testing.assert_allclose(command.tip_position, last.tip_position, atol=5e-4)  # to first order, where none is near
+    assert failed > 5  # else it says nothing of what comes after
+    for _ in range(60):
+        command = loop.step(position=first.tip_position)
+    assert command.status is mr.Status.TRACKING
+    there = mr.solve(robot, command.inputs, solver=solver, guess=command)
+    np.testing.assert_allclose(there.tip_position, first.tip_position, atol=1e-8)
+
+
 def column():
     """A loop whose column is pressed straight, well before it buckles, and the length at which it does."""
     force = 2.204  # N

@@ -329,6 +329,8 @@ def test_bad_estimators(make, options, error, message):
         ([(np.zeros(2), np.eye(3))], {}, ValueError, r"measured\[0\], position"),
         ([(np.zeros(3), 2 * np.eye(3))], {}, ValueError, "must be a rotation"),
         ([(np.zeros(3), -np.eye(3))], {}, ValueError, "must be a rotation: .* a mirror image"),
+        ([(np.array([1e60, -1e60, 0]), np.eye(3))], {}, ValueError, r"must be at most 1e\+50"),
+        ([((0, 1e60, 0), np.eye(3))], {}, ValueError, r"must be at most 1e\+50"),
         (
             [mr.Pose(position=(0, 0, 0.4), sigma=1e-4)],
             {},
@@ -342,6 +344,33 @@ def test_bad_estimators(make, options, error, message):
 def test_bad_samples(make, measured, changes, error, message):
     with pytest.raises(error, match=message):
         make().step(measured, **changes)
+
+
+def test_infinite_numbers_of_a_sensor_are_missing(make, wandering):
+    """Two of them of both signs warned of their sum; ``pytest`` makes an error of that."""
+    _, position, rotation = (own[0] for own in wandering)
+    meter, other = make(), make()
+    for each in (meter, other):
+        each.step([(position, rotation)])
+    found = meter.step([(np.array([np.inf, -np.inf, position[2]]), rotation)])
+    assert found.dropped == ("x and y of sensor 0",)
+    expected = other.step([(np.array([np.nan, np.nan, position[2]]), rotation)])
+    np.testing.assert_array_equal(found.value("tip_force"), expected.value("tip_force"))
+
+
+def test_a_measured_rotation_may_be_in_single_precision(make, wandering):
+    """As a sample's may; a target's is to be exact."""
+    _, position, rotation = (own[0].astype(np.float32) for own in wandering)
+    sensor = mr.Pose(position=position, rotation=rotation, sigma=(POSITION, ANGLE))
+    found = mr.estimate(make().robot, unknown={"tip_force": mr.Prior(0, sigma=0.5)}, measured=sensor)
+    exact = mr.Pose(position=wandering[1][0], rotation=wandering[2][0], sigma=(POSITION, ANGLE))
+    expected = mr.estimate(make().robot, unknown={"tip_force": mr.Prior(0, sigma=0.5)}, measured=exact)
+    # 6e-8 of a position and a rotation, in deviations of 1e-4 and 2e-3
+    np.testing.assert_allclose(
+        found.value("tip_force"), expected.value("tip_force"), atol=1e-3 * expected.sigma("tip_force").max()
+    )
+    with pytest.raises(ValueError, match="it is rounded, give all digits"):
+        mr.Pose(position=position, rotation=rotation)
 
 
 def test_a_recorder_is_given_the_solution_of_an_estimate(make, wandering, tmp_path):

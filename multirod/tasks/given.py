@@ -7,16 +7,14 @@ from numpy.typing import NDArray
 
 from multirod.rotations import ORTHOGONAL
 from multirod.running.plain import plain_numbers
-from multirod.validation import LARGEST
 
-TURNED = 1e-4  # what a measured R R^T may be off the identity: sensors round
 Plain = NDArray[np.float64] | tuple[float, float, float] | list[float]
 
 
 def plain(value: Any, shape: tuple[int, ...] = (3,)) -> TypeGuard[Plain]:  # noqa: ANN401  (told by its type)
     """Whether these surely are numbers that may be, as an array of this shape, or three in a row."""
     if type(value) is np.ndarray:
-        return value.dtype == np.float64 and value.shape == shape and -LARGEST < float(value.sum()) < LARGEST
+        return value.dtype == np.float64 and value.shape == shape and plain_numbers(value.ravel().tolist())
     return type(value) in (tuple, list) and shape == (3,) and len(value) == 3 and plain_numbers(value)
 
 

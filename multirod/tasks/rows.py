@@ -12,7 +12,7 @@ from multirod.batch import Instances, IntArray, broadcast_shapes, take
 from multirod.frames import Framed
 from multirod.naming import hinted
 from multirod.plausibility.limits import LENGTH
-from multirod.rotations import AIMLESS, BACK, SIDEWAYS, cross, inverse_left_jacobian, refuse_unturned, vectors
+from multirod.rotations import AIMLESS, BACK, ORTHOGONAL, SIDEWAYS, TURNED, cross, inverse_left_jacobian, refuse_unturned, vectors
 from multirod.tasks.deviations import deviations
 from multirod.tasks.formulation import Evaluation
 from multirod.types import Numbers
@@ -91,7 +91,8 @@ class Pose(Framed):
         self.ordinary = False
         if rotation is axis is across is None and self.position is not None and self.position.ndim == 1:
             self.ordinary = all(-NEARBY <= value <= NEARBY for value in self.position.tolist())
-        self.rotation = None if rotation is None else _rotation(rotation)
+        measured = sigma is not None or covariance is not None
+        self.rotation = None if rotation is None else _rotation(rotation, TURNED if measured else ORTHOGONAL)
         self.axis = None if axis is None else _direction("Pose.axis", axis)
         self.across = None if across is None else _direction("Pose.across", across)
         if self.across is not None and np.isnan(self.across).any():
@@ -309,10 +310,10 @@ def vector(field: str, value: object) -> FloatArray:
     return measurement(field, value, (3,))
 
 
-def _rotation(value: object) -> FloatArray:
-    """Rotations (..., 3, 3), which may be NaN."""
+def _rotation(value: object, most: float) -> FloatArray:
+    """Rotations (..., 3, 3), which may be NaN, whose ``R R^T`` is ``most`` off the identity."""
     result = array("Pose.rotation", value, (3, 3), finite=False)
-    refuse_unturned("Pose.rotation", value, result)
+    refuse_unturned("Pose.rotation", value, result, most)
     return result
 
 

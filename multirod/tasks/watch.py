@@ -8,11 +8,11 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgetrf, dgetri
 
-from multirod.batch import IntArray
+from multirod.batch import IntArray, solved_each
 from multirod.kernels.shared import Shared
 from multirod.stability import modes_of
 from multirod.tasks.formulation import Task
-from multirod.tasks.watch_kernels import ELSE_COMPARE, SURE, UNTOLD, Watched
+from multirod.tasks.watch_kernels import ELSE_COMPARE, FASTER, LOOK_AGAIN, SURE, UNTOLD, Watched
 from multirod.validation import FloatArray
 
 PROBED = 1e-2  # (17c) in units (9): steps of differences of ``Gamma``, which its second order is part of
@@ -21,6 +21,11 @@ LEAST_GONE = 1e-3  # (17d) way, in units (9), that tells how ``Gamma`` varies
 LARGE = 16  # unknowns, from which what one freed number changes ``Gamma`` by is work for a sample
 AT_ONCE = 2  # of these in one sample
 HASTY = 0.6  # (17) from which what renews ``Gamma_0`` is done at once: at 0.8 a sample would take an integration more
+SURELY = 0.5  # (17e) of a correction of Newton's method, that the next one is at most where an equilibrium is near
+NEARBY = (
+    10.0  # (17e) times that ``Gamma`` may change by its own size on the way to an equilibrium: what is farther may be another
+)
+SETTLED, ROUNDED = 1e-4, 1e-9  # corrections in scales of curvature: of what is at its equilibrium, and of what is rounding
 BALANCING = 6  # passes of scales, after which they stay as they are to some per cent
 
 
@@ -61,14 +66,12 @@ class Watch:
         n = self._problem.unknown_count
         return np.asarray(self._problem.read("gamma").reshape(-1, n, n))
 
-    def near(self, rows: IntArray, gamma: FloatArray) -> NDArray[np.bool_]:
-        """(17) Which of some instances cannot have lost a mode at ``gamma`` (k, n, n), where the problem is, shape (k,)."""
+    def _far(self, rows: IntArray, gamma: FloatArray) -> FloatArray:
+        """The left side of (17) of some instances at ``gamma`` (k, n, n), shape (k,)."""
         anchor, inverse, scale = (self._shared[name].values[rows] for name in ("anchor", "inverse", "scale"))
         with np.errstate(invalid="ignore", over="ignore"):
             off = inverse.swapaxes(1, 2) @ (gamma - anchor) * scale[:, None]
-            found = np.sqrt((off * off).sum(axis=(1, 2)))
-        self._stand(rows, found)
-        return np.asarray(found < SURE)
+            return np.asarray(np.sqrt((off * off).sum(axis=(1, 2))))
 
     def begin(self, rows: IntArray, gamma: FloatArray) -> None:
         """Some instances stand at a place that is stable, as far as can be said, with ``gamma`` (k, n, n). How it varies there is
@@ -90,13 +93,13 @@ class Watch:
         self._anchored[rows], self._others[rows] = np.nan, np.nan  # no way led here
         self.keep(rows, gamma)
 
-    def _stand(self, rows: IntArray, off: FloatArray | float) -> None:
-        """Some instances are compared where the problem is, and are so far ``off`` there."""
+    def _stand(self, rows: IntArray, off: FloatArray | float, then: FloatArray | float = 0.0) -> None:
+        """Some instances are compared where the problem is, and are so far ``off`` there; what is done with the next sample."""
         place, compared = self._shared["place"], self._shared["compared"]
         place.fetch()
         compared.fetch()
         place.values[rows] = self._task.values()[rows] / self._unit
-        compared.values[rows, 0], compared.values[rows, 1] = off, 0.0
+        compared.values[rows, 0], compared.values[rows, 1] = off, then
         place.send()
         compared.send()
 
@@ -218,8 +221,63 @@ class Watch:
         """The next sample, however short its way: something else has changed."""
         compared = self._shared["compared"]
         compared.fetch()
-        compared.values[:, 1] = ELSE_COMPARE
+        compared.values[:, 1] = np.maximum(compared.values[:, 1], ELSE_COMPARE)
         compared.send()
+
+    def look(self, rows: IntArray) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+        """Which of some instances are, to first order, at a stable equilibrium where the problem is, as far as that can be said,
+        and integrations of each, shapes (k,). The next samples are compared with these; what was in doubt is at its equilibrium.
+        """
+        self._integrate(rows)
+        spent = np.ones(len(rows), dtype=np.int32)
+        left, off = self._correction(rows)
+        fastest = self._shared["least"].values[rows, 1]
+        stable = self._far(rows, self.gamma()[rows]) + FASTER * fastest * off < SURE  # (17b), at the command itself
+        doubtful = np.flatnonzero(~stable & (fastest * off < NEARBY))
+        if len(doubtful):
+            settled, taken = self._settle(rows[doubtful], left[doubtful], off[doubtful])
+            spent[doubtful] += taken
+            there = doubtful[settled]
+            stable[there] = self._far(rows[there], self.gamma()[rows[there]]) < SURE
+            asked = there[~stable[there]]
+            if len(asked):
+                stable[asked] = ~self.unstable(rows[asked])
+        gamma = self.gamma()[rows]
+        self._stand(rows, self._far(rows, gamma), np.where(stable, 0.0, LOOK_AGAIN))
+        self.keep(rows[stable], gamma[stable])
+        return stable, spent
+
+    def _settle(self, rows: IntArray, left: FloatArray, off: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+        """(17e) Bring some instances to their equilibria, from where ``_correction`` says; which came there, and integrations of
+        each, shapes (k,)."""
+        problem, off = self._problem, off.copy()
+        settled, spent = off <= ROUNDED, np.zeros(len(rows), dtype=np.int32)
+        open_ = np.flatnonzero(~settled)
+        while len(open_):
+            own = rows[open_]
+            unknowns = np.array(problem.read("unknowns"))
+            unknowns[own] += left[open_]
+            problem.write("unknowns", unknowns)
+            self._integrate(own)
+            spent[open_] += 1
+            left[open_], now = self._correction(own)
+            nearer = (now <= SURELY * off[open_]) | (now <= ROUNDED)
+            settled[open_] = nearer & (now <= SETTLED)
+            off[open_] = now
+            open_ = open_[nearer & (now > SETTLED)]
+        return settled, spent
+
+    def _integrate(self, rows: IntArray) -> None:
+        chosen = np.zeros(self._problem.instance_count, dtype=bool)
+        chosen[rows] = True
+        with self._problem.only(chosen):
+            self._task.integrate()
+
+    def _correction(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        """(2) ``a`` of some instances by the last integration, shape (k, n), and its size in scales of curvature, (k,)."""
+        residual = self._problem.read("residual")[rows]
+        left = np.asarray(-solved_each(self.gamma()[rows], residual[..., None])[..., 0])
+        return left, np.abs(left).max(axis=1, initial=0.0) / self._problem.curvature_scale()[rows]
 
     def unstable(self, rows: IntArray) -> NDArray[np.bool_]:
         """Which of some instances are not stable at the problem's unknowns, as far as that can be said, shape (k,)."""

@@ -12,7 +12,8 @@ FAR = 0.1  # correction, of unknowns in scales of curvature, of values in units 
 # and the way of samples in a row that need not be compared, where (17) grows as it did
 FASTER = 3.0  # (17b) than (17c) has it
 UNTOLD = 25.0  # (17b) how fast it grows, at least, where unknowns move by themselves: by 0.01 in scales of curvature is looked at
-ELSE_COMPARE = 1.0  # something else has changed: the next sample is compared
+# the next sample is compared, as something else has changed; is looked at, as the last one was and is lost
+ELSE_COMPARE, LOOK_AGAIN = 1.0, 2.0
 
 # what has to be done about a sample: nothing; compare the next ones with it; look whether it is stable
 NOTHING, NEXT, LOOK = 0, 1, 2
@@ -27,7 +28,7 @@ class Watched:
     inverse: wp.array3d[wp.float64]  # S^-1 of its inverse, transposed; NaN where none is known
     scale: wp.array2d[wp.float64]  # S, (instance, n)
     room: wp.array3d[wp.float64]  # (instance, 1, n)
-    compared: wp.array2d[wp.float64]  # (instance, 2): the left side of (17) at ``place``; whether the next sample is compared
+    compared: wp.array2d[wp.float64]  # (instance, 2): the left side of (17) at ``place``; what is done with the next sample
     growth: wp.array3d[wp.float64]  # (17c) Q, (instance, k, k)
     least: wp.array2d[wp.float64]  # (17b) q and q_x, (instance, 2)
     # what is free in units (9), (instance, k): where it was compared, of this sample's integration, of its command
@@ -98,7 +99,7 @@ def strayed(w: Watched, task: Condensed, t: int, curvature: f64, always: bool) -
     says. ``always``: compare, however short the way."""
     if w.on == 0:
         return wp.static(NOTHING)
-    if not wp.isfinite(w.inverse[t, 0, 0]):
+    if w.compared[t, 1] == f64(wp.static(LOOK_AGAIN)) or not wp.isfinite(w.inverse[t, 0, 0]):
         return wp.static(LOOK)
     aside = f64(0.0)
     for i in range(task.gamma.shape[1]):

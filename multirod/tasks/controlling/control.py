@@ -50,6 +50,10 @@ class Foreseen:
     rested: int
 
 
+# what the next sample starts from, and where records have it
+LOOKED_AT = {"good_unknowns": "unknowns", "tip_position": "position", "tip_rotation": "rotation"}
+
+
 class ControlStep:
     """All of a controller's sample that comes after its integration.
 
@@ -238,6 +242,13 @@ class ControlStep:
         record[:, fields["position"]] += moved[:3]
         record[:, fields["rotation"]] = (matrices(moved[None, 3:])[0] @ record[0, fields["rotation"]].reshape(3, 3)).ravel()
 
+    def settled(self, record: FloatArray) -> None:
+        """The command was looked at: ``record`` is that of its own last integration, and the next sample starts from there."""
+        record[:] = self._problem.snapshot()
+        fields, kept = self._problem.record_fields, self._kept
+        for name, field in LOOKED_AT.items():
+            kept[name].assign(record[:, fields[field]].reshape(kept[name].numpy().shape))
+
     def stayed(self, record: FloatArray, told: FloatArray, beyond: NDArray[np.bool_]) -> None:
         """The next sample starts where ``record`` has the last command, and ``told`` says so.
 
@@ -245,8 +256,7 @@ class ControlStep:
         """
         fields, kept, k = self._problem.record_fields, self._kept, self._count
         values = record[:, fields["inputs"]][:, self._whole.places]
-        names = {"good_unknowns": "unknowns", "tip_position": "position", "tip_rotation": "rotation"}
-        for name, field in names.items():
+        for name, field in LOOKED_AT.items():
             kept[name].assign(record[:, fields[field]].reshape(kept[name].numpy().shape))
         kept["good_values"].assign(values)
         for name in ("last_kind", "motion"):

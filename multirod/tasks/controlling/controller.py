@@ -6,6 +6,7 @@ from threading import Lock
 from typing import Any, Generic
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Robot_co
@@ -17,7 +18,7 @@ from multirod.launch import expect
 from multirod.naming import names_checked, unknown_names
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
-from multirod.rotations import refuse_unturned
+from multirod.rotations import TURNED, refuse_unturned
 from multirod.running.plain import PlainInputs
 from multirod.running.simulation import as_robot, solve
 from multirod.running.tracker import Unpack
@@ -30,7 +31,7 @@ from multirod.tasks.controlling.control_kernels import SINGULAR, make_control
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, input_units
 from multirod.tasks.freed import chosen, refuse_freed, values_of, with_values
-from multirod.tasks.given import TURNED, plain, turned
+from multirod.tasks.given import plain, turned
 from multirod.tasks.limits import ROUNDING_BEYOND, Limits, limit_rows, nearest, refuse_start
 from multirod.tasks.rows import PARTS, Kind, Pose
 from multirod.tasks.watch import Watch
@@ -53,7 +54,7 @@ OWN = *PARTS, "measured_position", "measured_rotation"  # of a sample, beside in
 # shared by all samples
 CODES: list[Any] = [frozen(np.array([code], dtype=np.int32)) for code in range(max(Status) + 1)]
 THE_ONE = np.arange(1)  # the number of the only instance
-ONCE, TWICE = (frozen(np.array([count], dtype=np.int32)) for count in (1, 2))
+ONCE = frozen(np.array([1], dtype=np.int32))
 
 
 class Controller(Uncopied, Generic[Robot_co]):
@@ -210,7 +211,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         Returns:
             The inputs to apply, with the equilibrium that they lead to. ``TRACKING``; ``AT_LIMIT`` where a limit holds the tip
             back. A failure is ``UNSTABLE`` where the command is known not to be stable, or that of the integration; the next
-            sample then starts from the last good one. ``integrations`` is 2 where the command itself was looked at.
+            sample then starts from the last good one. ``integrations`` is 2 and more where the command itself was looked at.
 
         Raises:
             TypeError: If a name is not an input of the robot, or is free.
@@ -313,8 +314,8 @@ class Controller(Uncopied, Generic[Robot_co]):
             if doubt == NEXT:
                 self._watch.renew()
             elif doubt == LOOK:
-                spent = TWICE
-                if self._unstable(record):
+                unstable, spent = self._unstable(record)
+                if unstable:
                     status = int(Status.UNSTABLE)
                     self._step.refuse(told)
             if self._shape is not None and not Status(status).failed:
@@ -358,18 +359,18 @@ class Controller(Uncopied, Generic[Robot_co]):
         self._step.limit_shape(*shape.rows(found), shape.longest)
         return status
 
-    def _unstable(self, record: FloatArray) -> bool:
-        """Whether a command is unstable: by an integration at it, and where ``Gamma`` there does not say so, by its modes."""
+    def _unstable(self, record: FloatArray) -> tuple[bool, NDArray[np.int32]]:
+        """Whether a command is unstable: by an integration at it, and where ``Gamma`` there does not say so, by its modes; and
+        the integrations of its sample."""
         problem, fields = self._task.problem, self._task.problem.record_fields
         names = "unknowns", "inputs"
         ahead = [problem.read(name) for name in names]
         for name in names:
             problem.write(name, record[:, fields[name]])
-        problem.integrate()
-        gamma = self._watch.gamma()
-        unstable = not self._watch.near(THE_ONE, gamma)[0] and bool(self._watch.unstable(THE_ONE)[0])
-        if not unstable:
-            self._watch.keep(THE_ONE, gamma)
+        stable, spent = self._watch.look(THE_ONE)
+        if stable[0]:
+            ahead[0] += problem.read("unknowns") - record[:, fields["unknowns"]]
+            self._step.settled(record)
         for name, values in zip(names, ahead, strict=True):
             problem.write(name, values)
-        return unstable
+        return not stable[0], frozen(ONCE + spent)

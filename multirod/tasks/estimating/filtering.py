@@ -242,14 +242,10 @@ class _FilterTrack(Track):
         rows = np.flatnonzero(doubt == LOOK)
         if not len(rows):
             return
-        with problem.only(doubt == LOOK):
-            self.task.integrate()
-        spent[rows] += 1
-        gamma = watch.gamma()
-        stable = watch.near(rows, gamma[rows])
-        if not stable.all():
-            stable[~stable] = ~watch.unstable(rows[~stable])
-        watch.keep(rows[stable], gamma[rows[stable]])
+        unknowns = problem.read("unknowns")
+        stable, taken = watch.look(rows)
+        problem.write("unknowns", unknowns)  # (12): the next sample begins there
+        spent[rows] += taken
         lost = rows[~stable]
         if not len(lost):
             return

@@ -13,13 +13,13 @@ from multirod import plausibility
 from multirod.batch import Instances, IntArray
 from multirod.kernels.shared import Shared
 from multirod.problem import BoundaryProblem
-from multirod.rotations import refuse_unturned
+from multirod.rotations import TURNED, refuse_unturned
 from multirod.tasks.formulation import Evaluation
-from multirod.tasks.given import TURNED, plain, turned
+from multirod.tasks.given import plain, turned
 from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.along_rows import AlongRows, AlongSensor, along_rows, filled
 from multirod.tasks.rows import PARTS, Pose, PoseRows, of_what_is_there
-from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, refuse
+from multirod.validation import LARGEST, SMALLEST_AXIS, Described, FloatArray, array, first_of, refuse
 
 Sensor = Pose | AlongSensor
 EYE = np.eye(3)
@@ -316,6 +316,8 @@ class Live(Measured):
     def _numbers(self, field: str, value: object, tail: tuple[int, ...]) -> FloatArray:
         """(b, *tail), which may be NaN; one NaN stands for all."""
         numbers = value if type(value) is np.ndarray and value.dtype == np.float64 else array(field, value, finite=False)
+        if np.any(beyond := (np.abs(numbers) > LARGEST) & np.isfinite(numbers)):
+            refuse(field, first_of(beyond, numbers, value), f"must be at most {LARGEST:g} in SI units")
         if numbers.shape == (*self._batch_shape, *tail):
             return np.array(numbers).reshape(self._count, *tail)
         if not (numbers.ndim == 0 and np.isnan(numbers)):
