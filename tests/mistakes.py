@@ -656,6 +656,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "rotation = 0.5 rad does nothing",
             "another base_joint, or end_rotation",
         ),
+        Mistake(
+            "a column that is pressed against a clamp that does not slide",
+            "mr.HeldRod(rod()).inputs(tip_force=(0, 0, -5))",
+            WARNING,
+            "tip_force = 5 N does nothing: what holds the end takes it",
+            "slide=(0, 0, 1)",
+        ),
     ],
     "Solving": [
         Mistake(

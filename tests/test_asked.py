@@ -179,6 +179,23 @@ def test_a_pull_has_no_critical_load_and_a_push_to_the_side_is_not_said_to_be_on
     assert "stiffen" not in str(told.value)
 
 
+def test_a_load_that_what_holds_the_end_takes_does_nothing():
+    rod = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638)
+    held, column = mr.HeldRod(rod), mr.HeldRod(rod, slide=(0, 0, 1))
+    said = r"does nothing: what holds the end takes it; "
+    with pytest.warns(mr.PlausibilityWarning, match=r"tip_force = 5 N " + said + r"HeldRod\(slide=\(0, 0, 1\)\) lets it act"):
+        held.inputs(tip_force=(0, 0, -5), tip_moment=(0, 0, 0.1))
+    with pytest.warns(mr.PlausibilityWarning, match=r"tip_moment = 0.1 N m " + said + r'HeldRod\(joint="revolute"'):
+        twisted = column.inputs(tip_moment=(0, 0, 0.1))
+    for inputs in (held.inputs(tip_force=(0, 0, 0)), held.inputs(end_position=(0, 0, -0.01), tip_force=(0, 0, -5))):
+        assert inputs.given  # without a warning
+    column.inputs(tip_force=(0, 0, -5))
+    with pytest.raises(
+        mr.SolveError, match=r"nothing changes up to a load factor of .*: what is raised does not act on the robot"
+    ):
+        mr.critical_loads(column, twisted)
+
+
 @pytest.mark.parametrize(
     ("name", "meant"),
     [

@@ -128,7 +128,16 @@ class HeldRod(Assembly):
         result = super().inputs(**HeldRodInputs(**values))
         if self._turns_back:
             plausibility.of_idle_rotation(result.rotation, self.base_joint)
+        plausibility.of_idle_loads(result, self._taken)
         return result
+
+    @property
+    def _taken(self) -> dict[str, str]:
+        """The loads on the end that never act, and what would let them."""
+        sliding = "HeldRod(slide=(0, 0, 1)) lets it act along z, end_position moves the end"
+        turning = 'HeldRod(joint="revolute", joint_axis=(0, 0, 1)) lets it act about z, end_rotation turns the end'
+        held = {"tip_force": self.slide is None, "tip_moment": self.joint == "clamped"}
+        return {name: way for name, way in (("tip_force", sliding), ("tip_moment", turning)) if held[name]}
 
     @property
     def _turns_back(self) -> bool:

@@ -1,7 +1,7 @@
 """Of robots and tasks: poses, bodies, legs, tubes, times."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,7 @@ DEPENDENT = 1e-6  # least singular value of six lines, of the largest, below whi
 
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
-    from multirod.inputs import InputSpec
+    from multirod.inputs import Inputs, InputSpec
     from multirod.rod import Rod
 
 
@@ -141,6 +141,15 @@ def of_idle_rotation(rotation: FloatArray, joint: str) -> None:
     most = largest(rotation)
     if most:
         say(f"rotation = {most:.6g} rad does nothing: the base turns back in its joint, HeldRod.base_joint = {joint!r}")
+
+
+def of_idle_loads(inputs: "Inputs", taken: Mapping[str, str]) -> None:
+    """Warn where all that is given are loads on an end that what holds it takes; ``taken`` says what would let each act."""
+    acting = [name for name in inputs.given if inputs.is_active(name)]
+    if acting and taken.keys() >= set(acting):
+        name = acting[0]
+        given = f"{name} = {largest(inputs.array(name)):.6g} {inputs.spec(name).unit}"
+        say(f"{given} does nothing: what holds the end takes it; {taken[name]}")
 
 
 def of_offsets(field: str, offsets: FloatArray, rods: "Sequence[Rod]") -> None:

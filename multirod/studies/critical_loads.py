@@ -26,6 +26,7 @@ from multirod.warning import warn
 
 GROWTH = 0.1  # of steps as loads are raised, whose waves grow with their root; angles have a period
 
+TRIED = 10  # points, the same to the last bit, after which nothing is raised
 ROUNDED = 1e-6  # of an eigenvalue, what does not tell whether it falls
 PRECISE, STEPS = 4e-11, 150  # residual over the length of the longest rod: 1e-10 1/m of 0.4 m; steps
 
@@ -211,6 +212,11 @@ def _changes(
             found += [change for change in changes if branch.factor(change.point) <= up_to]
             reached = max(reached, *(branch.factor(change.point) for change in changes), branch.factor(end))
             passed.append(step.after)
+            if len(passed) == TRIED and _stays(branch, passed):
+                raise SolveError(
+                    f"nothing changes up to a load factor of {reached:.6g}: what is raised does not act on the robot, as a load "
+                    "that what holds an end takes"
+                )
             if end is not step.after or reached > up_to:
                 return found, tuple(undecided), min(reached, up_to)
     except Spent:
@@ -222,6 +228,16 @@ def _changes(
             hint += "; the loads only stiffen the robot there, as a pull does, so there may be no critical load at all"
         raise SolveError(f"{lost}{hint}") from None
     raise AssertionError("steps() ends by an error")
+
+
+def _stays(branch: Branch, passed: Sequence[Point]) -> bool:
+    """Whether neither the equilibrium nor its modes are others than at the first of the points that were passed."""
+    first, *others = passed
+    return all(
+        np.array_equal(branch.unknowns(point), branch.unknowns(first))
+        and np.array_equal(point.modes.values, first.modes.values, equal_nan=True)
+        for point in others
+    )
 
 
 def _stiffens(branch: Branch, passed: Sequence[Point]) -> bool:
