@@ -31,6 +31,7 @@ _OTHER_NAMES: dict[str, tuple[str, ...]] = {
         ("inner_diameter",): "id inner_radius",
         ("density", "linear_density"): "rho mass",
         ("length",): "l arclength",
+        ("area",): "cross_section hollow",
         ("lines",): "tendons tendon cables chambers",
         ("magnetisation",): "magnetization magnetic_moment remanence",
         ("foundation",): "medium tissue",
@@ -63,6 +64,7 @@ _TAKEN_BY = {
     **dict.fromkeys(("fixed_position", "fixed_rotation", "joint_torque", "slide_force"), "a Network takes it"),
     **dict.fromkeys(("payload", "tip_mass", "tip_weight"), "a weight is a force, tip_force=(0, 0, -9.81 * mass)"),
 }  # by robots, of inputs that are no others'
+_OF_STRIPS = {"width", "thickness", "height"}
 _BY_HALF = {"radius", "r", "outer_radius", "inner_radius"}  # of diameters
 _OF_AXES = {"title", "legend", "linewidth", "lw", "color", "view", "elev", "azim", "xlim", "fontsize", "cmap", "units", "label"}
 _OF_FIGURES = {"save", "path", "filename", "figsize", "dpi", "show", "fig", "figure"}
@@ -141,8 +143,10 @@ def hinted(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
                 try:
                     taken.bind(*args, **options)
                 except TypeError:
-                    others = "".join(meant(name, taken.parameters) for name in options if name not in taken.parameters)
-                    raise TypeError(f"{error}: {hint}{others}") from None
+                    unknown = [name for name in options if name not in taken.parameters]
+                    listed = "; it takes " + ", ".join(name for name in taken.parameters if name not in ("self", "cls"))
+                    others = "".join(meant(name, taken.parameters) for name in unknown)
+                    raise TypeError(f"{error}: {hint}{listed if unknown and not others else ''}{others}") from None
                 raise
 
         return checked
@@ -175,6 +179,8 @@ def meant(name: str, options: Iterable[str]) -> str:
     options = tuple(options)
     if name in _TAKEN_BY:
         return f"; {_TAKEN_BY[name]}"
+    if name in _OF_STRIPS and "bending_stiffness" in options:
+        return "; of a strip, E times w t^3/12 and t w^3/12 are its bending_stiffness, G times w t^3/3 its torsional_stiffness"
     close = [option for option in options if option in _OTHER_NAMES.get(name.lower(), ())]
     close = close or get_close_matches(name, options, 1) or [o for o in options if name.lower() == o.lower()]
     if not close and "ax" in options and name in _OF_AXES | _OF_FIGURES:  # of a plot

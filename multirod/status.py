@@ -142,7 +142,8 @@ _MESSAGES = {
     "not known, as of loads without a potential; begin elsewhere, or give others",
     Status.LINE_LIMIT: "a line is where its law ends, pulled or bent to less than a tenth of its rod's length at some place; or, "
     "with discs, so tight that lines together buckle the rod between two; or, with members of other packages, what the rod "
-    "carries has no strains: lower tensions, displacements or loads, or move discs closer (docs/lines.md)",
+    "carries has no strains: lower tensions or loads, move discs closer, or, of lines that are held by displacement and do not "
+    "stretch, let opposite ones out by negative displacements (docs/lines.md)",
     Status.LINES_TOO_SHORT: "lines that do not stretch cannot all be as short as their displacements say, or not without a "
     "tension that rises without bound: let opposite lines out by negative displacements, and all by a hundred-thousandth of the "
     "rod's length more, or give lines an axial_stiffness (docs/lines.md)",

@@ -120,6 +120,23 @@ def test_name_must_be_a_string(name: Any) -> None:
         mr.Rod(**PROPERTIES, name=name)
 
 
+def test_what_takes_no_such_argument_says_what_it_takes() -> None:
+    with pytest.raises(
+        TypeError, match="'wall': an offset is one pair.*; it takes offset, route, area, area_fixed, start, end, name$"
+    ):
+        mr.Chamber((6e-3, 0), area=2e-5, wall=1e-3)
+    with pytest.raises(TypeError, match="'stiffness': an offset is one pair.*; did you mean 'axial_stiffness'\\?$"):
+        mr.Tendon((6e-3, 0), stiffness=1.0)
+    with pytest.raises(
+        TypeError, match=r"'thickness': .*; of a strip, E times w t\^3/12 and t w\^3/12 are its bending_stiffness"
+    ):
+        mr.Rod(length=0.3, thickness=5e-4)
+    rods = [mr.Rod(**PROPERTIES)] * 2
+    with pytest.raises(ValueError, match=r"Rod.sections = .* of rods in a row, theirs: \[\*first.sections, \*second.sections\]"):
+        mr.Rod(sections=rods)
+    assert len(mr.Rod(sections=[*rods[0].sections, *rods[1].sections]).sections) == 2
+
+
 def test_unknown_property_is_refused() -> None:
     with pytest.raises(TypeError, match="bending_stifness"):
         mr.Rod(**PROPERTIES, bending_stifness=0.02)

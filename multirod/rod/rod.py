@@ -117,7 +117,8 @@ class Rod(OfSections, ReadOnly):
             if properties:
                 raise TypeError(f"Rod takes sections or {', '.join(properties)}, not both: give each Section its own")
             if not isinstance(sections, (list, tuple)) or not sections or not all(isinstance(s, Section) for s in sections):
-                refuse("Rod.sections", sections, "must be a non-empty list of Section")
+                pieces = "; of rods in a row, theirs: [*first.sections, *second.sections]"
+                refuse("Rod.sections", sections, f"must be a non-empty list of Section{pieces}")
             self.sections: tuple[Section, ...] = tuple(sections)
         else:
             for key in ("length", "bending_stiffness", "torsional_stiffness"):

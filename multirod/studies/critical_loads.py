@@ -218,9 +218,9 @@ def _changes(
                     "that what holds an end takes"
                 )
             if end is not step.after or reached > up_to:
-                return found, tuple(undecided), min(reached, up_to)
+                return found, _joined(undecided), min(reached, up_to)
     except Spent:
-        return found, tuple(undecided), min(reached, up_to)
+        return found, _joined(undecided), min(reached, up_to)
     except BranchLost as lost:
         seen = f"{len(found)} changes of stability" if found else "no change of stability"
         hint = f"; {seen} before that: give up_to={0.99 * reached:.3g} for a result" if reached else ""
@@ -228,6 +228,17 @@ def _changes(
             hint += "; the loads only stiffen the robot there, as a pull does, so there may be no critical load at all"
         raise SolveError(f"{lost}{hint}") from None
     raise AssertionError("steps() ends by an error")
+
+
+def _joined(ranges: Iterable[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Ranges that touch, as one."""
+    result: list[tuple[float, float]] = []
+    for low, high in sorted(ranges):
+        if result and low <= result[-1][1]:
+            before = result.pop()
+            low, high = before[0], max(before[1], high)
+        result.append((low, high))
+    return tuple(result)
 
 
 def _stays(branch: Branch, passed: Sequence[Point]) -> bool:
