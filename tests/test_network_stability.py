@@ -31,7 +31,7 @@ def eliminated(problem, monkeypatch, *, with_joints):
     assert elimination.freed.any() == with_joints
     angles = problem.places[:, problem.layout.angles_at[1]]
     at = own.rows.of(angles[angles >= 0])
-    return form, hidden[0], at
+    return form, hidden[0].sum(), at
 
 
 def both_ways_agree(problem, monkeypatch, atol):
@@ -144,7 +144,10 @@ def test_a_strut_without_end_moments_buckles():
 
 @pytest.mark.parametrize("tip", ["clamped", "spherical"])
 def test_straight_legs_side_by_side_share_a_load_as_nothing_determines(tip):
-    """(32) Said within 80 integrations; what stretches, what statics determines and what has buckled has a result."""
+    """(32) Said within 90 integrations, of which 25 on a path that begins as beams.
+
+    What stretches, what statics determines and what has buckled has a result.
+    """
     EI, L = 0.2233, 0.4
     euler = np.pi**2 * EI / L**2
     solver = mr.Shooting(integrator=RK4)
@@ -163,7 +166,7 @@ def test_straight_legs_side_by_side_share_a_load_as_nothing_determines(tip):
     six = legs(6)
     found = pressed(six, 0.1)
     assert found.status is mr.Status.UNDETERMINED
-    assert found.integrations < 80
+    assert found.integrations < 90
     assert pressed(legs(3), 0.1).status is mr.Status.CONVERGED
     stretching = mr.Rod(length=L, bending_stiffness=EI, torsional_stiffness=0.0638, axial_stiffness=1e5, shear_stiffness=1e5)
     assert pressed(legs(6, stretching), 0.1).status is mr.Status.CONVERGED
