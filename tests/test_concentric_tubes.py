@@ -621,6 +621,23 @@ def reaching_tubes(*reaching: float, curvature: float = 6.0) -> mr.ConcentricTub
     return mr.ConcentricTubes([inner, outer])
 
 
+@pytest.mark.parametrize("count", [3, 31])
+def test_a_tip_that_is_drawn_into_a_stiffer_tube_does_not_snap(count: int) -> None:
+    """The residual's unit was that of the tubes at the tip, and ``Gamma`` jumped so much that it was taken for another branch."""
+    inner = mr.Rod(
+        length=0.4, bending_stiffness=0.002, torsional_stiffness=0.0016, precurvature=[(0.3, (0, 0, 0)), (0.1, (8, 0, 0))]
+    )
+    outer = mr.Rod(
+        length=0.32, bending_stiffness=0.03, torsional_stiffness=0.024, precurvature=[(0.25, (0, 0, 0)), (0.07, (5, 0, 0))]
+    )
+    robot, part = mr.ConcentricTubes([inner, outer]), np.linspace(0, 1, count)
+    way = np.stack([-0.217 - 0.025 * part, np.full(count, -0.15)], axis=-1)  # past the other's tip, where it is at -0.23
+    history = mr.simulate(robot, robot.inputs(rotation=(0.5, -1), translation=way, tip_force=(0.2, -0.3, 0.1)), time=part)
+    assert set(history.status) == {mr.Status.CONVERGED}
+    assert not any(history.events)
+    assert history.integrations[1:].max() <= 20
+
+
 @pytest.mark.parametrize("reaching", [(FAR_END, NEAR_END), (NEAR_END, FAR_END)])
 @pytest.mark.parametrize("loads", [("follower_force", "follower_moment"), ("follower_moment",)])
 def test_what_follows_the_tip_turns_with_its_pose(reaching: tuple[float, float], loads: tuple[str, ...]) -> None:

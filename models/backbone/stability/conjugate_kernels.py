@@ -67,12 +67,8 @@ def find_displacements(pairs: Pairs):
         base_turn = rotation_from_vector(wp.vec3d(f64(0.0), f64(0.0), wp.where(concentric, pairs.inputs[t, 0], f64(0.0))))
         to_axes = wp.transpose(pairs.base_axes[t * pairs.base_stride] * base_turn)
     if rods > 1 and pairs.moment >= 0:
-        EI = f64(0.0)
-        for i in range(rods):
-            if reaches(pairs.end, row, pairs.inputs, t, i, longest):
-                EI += pairs.bending[row, i]
-        pairs.unit[t, pairs.moment] = EI
-        pairs.unit[t, pairs.moment + 1] = EI
+        pairs.unit[t, pairs.moment] = pairs.bending[row, 0]
+        pairs.unit[t, pairs.moment + 1] = pairs.bending[row, 0]
         pairs.unit[t, pairs.moment + 2] = pairs.torsion[row, wp.where(pairs.fixed != 0, longest, 0)]
     if shared and pairs.fixed != 0 and longest > 0:
         pairs.unit[t, pairs.moment + 2] = pairs.torsion[row, 0]

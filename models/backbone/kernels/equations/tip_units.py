@@ -34,23 +34,22 @@ def make_tip_units(layout: Layout, base: SimpleNamespace, grid: SimpleNamespace)
     def find_ends(rods: wp.ref[RodTable], call: wp.ref[Call], case: wp.ref[Instance], s: f64) -> Ends:
         """Of the sections at s, where the last stretch began; a rod that has ended keeps its last."""
         ends = Ends()
-        EI = f64(0.0)
         for i in range(rods.end.shape[1]):
-            m, present = section_at(rods, call, case, i, s)
+            m, _present = section_at(rods, call, case, i, s)
             unit = section_unit(rods, case, i, m)
-            EI += present * bending_stiffness(rods, case, i, m)
             ends.twist[i] = unit[2]
             if i == 0:
+                EI = bending_stiffness(rods, case, 0, m)
                 ends.bending = wp.vec2d(unit[0], unit[1])
-                ends.force = case.scale / bending_stiffness(rods, case, 0, m)
+                if wp.static(TUBES):  # of all that reach there it would jump, and Gamma, where one is drawn past the tip
+                    ends.bending = wp.vec2d(f64(1.0) / EI, f64(1.0) / EI)
+                ends.force = case.scale / EI
                 if wp.static(MEASURED):
                     for j in range(3):
                         ends.compliance[j] = rods.material[case.rods, 0, m, 3 + j]
             else:
                 if reaches(rods.end, case.rods, call.problem.inputs, case.index, i, 0):
                     ends.beside[i] = f64(1.0)
-        if wp.static(TUBES):
-            ends.bending = wp.vec2d(f64(1.0) / EI, f64(1.0) / EI)
         return ends
 
     return SimpleNamespace(Ends=Ends, find_ends=find_ends)
