@@ -324,14 +324,15 @@ class Search:
         return np.flatnonzero(settled)
 
     def _tell_errors(self, rows: IntArray) -> None:
-        """Errors of what did not get there, at an equilibrium: near where the search ended, or, without one, where it began."""
+        """Errors of what did not get there, at an equilibrium: near where the search ended, or, without one within the limits of
+        the shape, where it began."""
         if not len(rows):
             return
         self.here.x[rows], self.here.p[rows] = self.last.x[rows], self.last.p[rows]
         settled = self.settled(rows, SETTLING_FAR)
         self.last.put(settled, self.here)
         farther = np.linalg.norm(self.errors[rows], axis=1) > np.linalg.norm(self.origin_errors[rows], axis=1)
-        back = np.union1d(np.setdiff1d(rows, settled), rows[farther])
+        back = np.union1d(np.setdiff1d(rows, settled), rows[farther | self.beyond(rows)])
         self.last.x[back], self.last.p[back] = self.origin_unknowns[back], self.origin[back]
         self.errors[back] = self.origin_errors[back]
 
