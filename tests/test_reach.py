@@ -645,17 +645,14 @@ def test_a_target_of_slack_lines_that_is_beyond_a_limit_of_the_shape_is_not_gone
 
     Which way a straight wire under slack lines is bent first is told by rounding: some ways come to an end, ``SINGULAR_TASK``.
     """
-    limits, found = mr.Limits(displacement=(-0.02, 0.02), curvature=1.0), []
+    limits = mr.Limits(displacement=(-0.02, 0.02), curvature=1.0)
     for stiffer in (0.0, 1e-12, 1e-9, -1e-9, 1e-7):
         robot = pulled_wire(np.radians([90, 210, 330]), axial_stiffness=2000.0 * (1 + stiffer))
         inputs = robot.inputs(tip_force=(0, 0, -0.2), gravity=(0, 0, -9.81))
-        own = mr.reach(robot, mr.Pose(axis=(0.3, 0.1, 1)), inputs, free="displacement", limits=limits)
-        assert own.status in (mr.Status.AT_LIMIT, mr.Status.SINGULAR_TASK)
-        if not own.failed:
-            there = mr.solve(robot, own.inputs).raise_if_failed()
-            assert np.linalg.norm(there.rod(0).curvature[:, :2], axis=1).max() <= 1.0
-            found.append(own)
-    assert found
+        found = mr.reach(robot, mr.Pose(axis=(0.3, 0.1, 1)), inputs, free="displacement", limits=limits)
+        assert found.status not in (mr.Status.REACHED, mr.Status.OUT_OF_LIMITS)
+        there = mr.solve(robot, found.ended_at).raise_if_failed()
+        assert np.linalg.norm(there.rod(0).curvature[:, :2], axis=1).max() <= 1.0
 
 
 @pytest.mark.parametrize("stretch", [{"axial_stiffness": 2000.0}, {}], ids=["elastic", "inextensible"])

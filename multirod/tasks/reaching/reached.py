@@ -145,7 +145,7 @@ class Reached(Solution[Robot_co]):
     @property
     def ended_at(self) -> Inputs:
         """Where searches ended: ``inputs``, and of an instance that failed the last place on the way that held, near what can be
-        reached, at which the robot need not be stable, nor within limits of its shape."""
+        reached, at which the robot need not be stable."""
         return self._applied
 
     @cached_property
