@@ -51,18 +51,22 @@ class Modes:
         hidden: Unstable modes that the condensed form does not show, less its constraints, shape (batch,).
         uncertainty: Of each value: how far the form is from being symmetric, as it is for exact columns, in the direction of its
             eigenvector, over ``K/L``, shape (batch, count).
-        neutral_below: The size below which each value is taken for a neutral mode's, over ``K/L``, shape (batch, count):
-            ``NEUTRAL``, or less where it belongs to a constraint that hardly gives way.
         known: Whether the above can be said, shape (batch,).
         diverging: Whether loads without a potential drive an odd number of modes away, shape (batch,).
+        neutral_below: The size below which each value is taken for a neutral mode's, over ``K/L``, shape (batch, count):
+            ``NEUTRAL``, which is the default, or less where it belongs to a constraint that hardly gives way.
     """
 
     values: FloatArray
     hidden: NDArray[np.int32]
     uncertainty: FloatArray
-    neutral_below: FloatArray
     known: NDArray[np.bool_]
     diverging: NDArray[np.bool_]
+    neutral_below: FloatArray = None  # type: ignore[assignment]  # an array from the start
+
+    def __post_init__(self) -> None:
+        if vars(self)["neutral_below"] is None:
+            object.__setattr__(self, "neutral_below", np.full(self.values.shape, NEUTRAL))
 
     @classmethod
     def unknown(cls, batch: int, count: int = 1) -> "Modes":
@@ -70,7 +74,6 @@ class Modes:
         return cls(
             np.full((batch, count), np.nan),
             np.zeros(batch, dtype=np.int32),
-            np.full((batch, count), np.nan),
             np.full((batch, count), np.nan),
             np.zeros(batch, dtype=bool),
             np.zeros(batch, dtype=bool),

@@ -13,7 +13,7 @@ from test_stability import two_tubes
 import multirod as mr
 from multirod.models.backbone.problem import BackboneProblem
 from multirod.solvers.continuation.branch_step import Apart, Inspection, Point, heights
-from multirod.stability import NEUTRAL, Modes
+from multirod.stability import Modes
 
 CLOSE = 1e-8  # relative: the stored values are good to 2e-9
 TIGHT = 1e-11  # relative: RK45(steps=150) leaves 1e-12 of the first four modes of a column, 1e-15 of the first
@@ -173,8 +173,7 @@ class Line:
     def point(self, s):
         self.asked += 1
         values = np.sort([[f(s) for f in self.eigenvalues]], axis=1)
-        sure, none = np.ones(1, dtype=bool), np.zeros(1, dtype=bool)
-        modes = Modes(values, np.zeros(1, dtype=np.int32), 0 * values, np.full(values.shape, NEUTRAL), sure, none)
+        modes = Modes(values, np.zeros(1, dtype=np.int32), 0 * values, np.ones(1, dtype=bool), np.zeros(1, dtype=bool))
         return Point(np.array([self.aside * (s > self.gap), s]), np.array([0.0, 1.0]), np.ones((1, 1)), modes)
 
     def on_branch(self, place, ahead):

@@ -16,7 +16,7 @@ from multirod.models.backbone.starts import quasirandom
 from multirod.problem import BoundaryProblem
 from multirod.solvers.starting.continua import Curve
 from multirod.solvers.starting.multistart import Catalogue
-from multirod.stability import NEUTRAL, Modes
+from multirod.stability import Modes
 
 SEVERAL = [name for name in NAMES if name.startswith(("09b", "14i"))]
 
@@ -224,12 +224,7 @@ def test_what_is_not_known_to_be_stable_is_never_returned(reference_cases, make_
     robot, inputs = past_the_snap(reference_cases, make_pose)
     for known, value in ((False, 1.0), (True, -1.0), (True, 0.0)):
         answer = Modes(
-            values=np.array([[value]]),
-            hidden=np.zeros(1, dtype=np.int32),
-            uncertainty=np.zeros((1, 1)),
-            neutral_below=np.full((1, 1), NEUTRAL),
-            known=np.array([known]),
-            diverging=np.zeros(1, dtype=bool),
+            np.array([[value]]), np.zeros(1, dtype=np.int32), np.zeros((1, 1)), np.array([known]), np.zeros(1, dtype=bool)
         )
         monkeypatch.setattr(BackboneStability, "modes", lambda self, answer=answer: answer)
         solution = mr.solve(robot, inputs)

@@ -284,6 +284,7 @@ def test_what_does_not_tell_a_place_to_the_tolerance_is_no_load(kind):
         assert int(turns[0]) in kinds
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # which says just that
 def test_a_moment_on_a_clamped_end_tells_no_place():
     """It does no work: a round rod from a ball to there is as without it, in a solve and where it begins in a motion."""
     end = np.eye(4)

@@ -139,7 +139,7 @@ class Eigenvalues:
 
     def modes(self, hidden: NDArray[np.int32], known: NDArray[np.bool_], diverging: NDArray[np.bool_]) -> Modes:
         """With what they do not show, each of shape (batch,)."""
-        return Modes(self.values, hidden, self.uncertainty, self.neutral_below, known, diverging)
+        return Modes(self.values, hidden, self.uncertainty, known, diverging, self.neutral_below)
 
 
 def symmetric_eigenvalues(form: FloatArray, known: NDArray[np.bool_], firm: NDArray[np.bool_] | None = None) -> Eigenvalues:
