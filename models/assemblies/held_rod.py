@@ -134,10 +134,13 @@ class HeldRod(Assembly):
     @property
     def _taken(self) -> dict[str, str]:
         """The loads on the end that never act, and what would let them."""
-        sliding = "HeldRod(slide=(0, 0, 1)) lets it act along z, end_position moves the end"
-        turning = 'HeldRod(joint="revolute", joint_axis=(0, 0, 1)) lets it act about z, end_rotation turns the end'
-        held = {"tip_force": self.slide is None, "tip_moment": self.joint == "clamped"}
-        return {name: way for name, way in (("tip_force", sliding), ("tip_moment", turning)) if held[name]}
+        result = {}
+        if self.slide is None:
+            result["tip_force"] = "HeldRod(slide=(0, 0, 1)) lets it act along z, end_position moves the end"
+        if self.joint == "clamped":
+            way = 'HeldRod(joint="revolute", joint_axis=(0, 0, 1)) lets it act about z, end_rotation turns the end'
+            result["tip_moment"] = way
+        return result
 
     @property
     def _turns_back(self) -> bool:

@@ -291,8 +291,8 @@ def straight_at_rest(problem: "HeldProblem") -> NDArray[np.bool_]:
 def pulled(problem: "HeldProblem") -> NDArray[np.bool_]:
     """Whether an end that does not slide is held further from the base than the rod is long, shape (instance_count,)."""
     way = problem.goal()[0] - problem.rod.table.base_position.numpy()
-    pulled = np.linalg.norm(way, axis=1) > (1 + PULLED) * problem.length_in_use()
-    return np.asarray(pulled & (problem.holders.slide is None))
+    beyond = np.linalg.norm(way, axis=1) > (1 + PULLED) * problem.length_in_use()
+    return np.asarray(beyond & (problem.holders.slide is None))
 
 
 def loaded(problem: "HeldProblem") -> NDArray[np.bool_]:

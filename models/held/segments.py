@@ -3,7 +3,6 @@
 Numbers in parentheses are those of ``docs/held.md``.
 """
 
-from dataclasses import fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -293,8 +292,7 @@ class HeldSegments(BackboneSegments):
 
     def modes(self, points: dict[int, Breakpoints]) -> Modes:  # noqa: D102
         with self._known_by(points):
-            modes = self.held.stability.modes()
-        return Modes(*(getattr(modes, name)[list(points)] for name in (f.name for f in fields(Modes))))
+            return self.held.stability.modes().take(list(points))
 
     @property
     def asked(self) -> BoundaryProblem:

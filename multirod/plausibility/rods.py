@@ -80,8 +80,13 @@ def of_rod(rod: "Rod", material: Material | None) -> None:
 
 def second_moment(rod: "Rod") -> FloatArray:
     """Second moment of area of its cross-section [m^4], (...); zero where it has none or a wall of none."""
-    outer, inner = (np.square(0.0 if size is None else size) for size in (rod.outer_diameter, rod.inner_diameter))
+    outer, inner = _squares(rod)
     return np.asarray(np.pi / 64 * (outer * outer - inner * inner))
+
+
+def _squares(rod: "Rod") -> list[FloatArray]:
+    """Of its outer and inner diameter [m^2], (...); zero of one that is not given."""
+    return [np.asarray(np.square(0.0 if size is None else size)) for size in (rod.outer_diameter, rod.inner_diameter)]
 
 
 def of_nothing(field: str, profile: Profile) -> None:
@@ -161,7 +166,7 @@ def _of_stiffness(rod: "Rod", material: Material | None) -> None:
             found = YOUNG.odd(every)
             if found is not None:
                 what = YOUNG.above if found > YOUNG.high else YOUNG.below
-                (there,) = [modulus == found for modulus in moduli if (modulus == found).any()][:1]
+                there = next(modulus == found for modulus in moduli if (modulus == found).any())
                 second, thick = at_first(there, I, outer)
                 mm = f"; if EI is in N mm^2, give {1e-6 * found * second:.6g}" if YOUNG.odd(1e-6 * every) is None else ""
                 of = f"Rod.bending_stiffness = {found * second:.6g} N m^2 at outer_diameter = {thick:.6g} m"
@@ -261,8 +266,8 @@ def _of_mass(rod: "Rod", material: Material | None) -> None:
     if material is not None:
         return
     if rod.outer_diameter is not None:
-        hollow = 0.0 if rod.inner_diameter is None else rod.inner_diameter
-        areas = np.pi / 4 * np.asarray(np.square(rod.outer_diameter) - np.square(hollow))
+        outer, inner = _squares(rod)
+        areas = np.pi / 4 * (outer - inner)
         for section in rod.sections:
             densities = section.linear_density / areas if areas.all() else np.zeros(())
             odd = DENSITY.odd(densities)

@@ -22,9 +22,8 @@ LARGE = 16  # unknowns, from which what one freed number changes ``Gamma`` by is
 AT_ONCE = 2  # of these in one sample
 HASTY = 0.6  # (17) from which what renews ``Gamma_0`` is done at once: at 0.8 a sample would take an integration more
 SURELY = 0.5  # (17e) of a correction of Newton's method, that the next one is at most where an equilibrium is near
-NEARBY = (
-    10.0  # (17e) times that ``Gamma`` may change by its own size on the way to an equilibrium: what is farther may be another
-)
+# (17e) times that ``Gamma`` may change by its own size on the way to an equilibrium: what is farther may be another
+NEARBY = 10.0
 SETTLED, ROUNDED = 1e-4, 1e-9  # corrections in scales of curvature: of what is at its equilibrium, and of what is rounding
 BALANCING = 6  # passes of scales, after which they stay as they are to some per cent
 
