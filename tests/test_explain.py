@@ -499,3 +499,32 @@ def test_the_twist_of_what_follows_the_tip_is_counted():
     moved = bending / 2 * 2 * np.sin(torque / 2 / 0.5 / 2)  # of small bending, the tip's M L^2 / 2 EI turns about the rod
     found = mr.explain(robot, robot.inputs(follower_moment=(0, bending, 0), distributed_moment=(0, 0, torque)))
     assert found["torsion"].error > moved
+
+
+def test_loads_of_a_network_are_terms_by_their_own_names():
+    """Each as large as the largest vector of it; what drives joints or lines is none."""
+    wire = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015)
+    plate, top = mr.Body("plate"), mr.Body("top", mass=0.1)
+    joints = [mr.Joint("low", "base", to=mr.ground), mr.Joint("low", "tip", to=plate), mr.Joint("high", "base", to=plate)]
+    joints.append(mr.Joint("high", "tip", to=top, kind="revolute", axis=(1, 0, 0), stiffness=0.1))
+    robot = mr.Network(rods={"low": wire, "high": wire}, bodies=[plate, top], joints=joints)
+    loads = {"force": {"plate": (3, 0, 4), "top": (0, 0, -2)}, "follower_force": {"top": (0, 2, 0), "plate": (1, 0, 0)}}
+    inputs = robot.inputs(**loads, joint_torque={"high tip": -0.03}, rod_force={"low": (0, 0.1, 0)}, gravity=(0, 0, -9.81))
+    found = mr.explain(robot, inputs)
+    sizes = {"force": "5 N", "follower_force": "2 N", "joint_torque": "0.03 N m", "rod_force": "0.1 N/m", "gravity": "9.81 m/s^2"}
+    for name, size in sizes.items():
+        assert found[name].because == f"inputs.{name}, up to {size}"
+        assert not found.without(name)[1].is_active(name)
+        assert sum(found.without(name)[1].is_active(other) for other in sizes) == len(sizes) - 1
+    assert {"moment", "rod_moment"} <= set(found.absent)
+    assert "nothing is promised, simplify= drops nothing: what holds the rods of this Network back" in str(found)
+
+
+def test_what_holds_a_rod_stays_where_it_is_where_its_precurvature_is_dropped():
+    """Its end is held where that of the rod at rest is: not of the rod with less."""
+    robot = mr.HeldRod(mr.Rod(length=1.0, bending_stiffness=1.0, torsional_stiffness=0.8, precurvature=curved))
+    found = mr.explain(robot, robot.inputs(end_position=(0.0, 0.0, -0.01)))
+    less, _ = found.without("precurvature_profile")
+    np.testing.assert_array_equal(less.holders.end, robot.holders.end)
+    assert robot.end is None
+    assert "tips are held" in str(found)

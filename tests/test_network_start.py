@@ -32,6 +32,20 @@ def test_equal_legs_are_put_together_at_once(scale, monkeypatch):
     np.testing.assert_allclose(found.energy, expected.energy, rtol=1e-7)
 
 
+def test_a_body_on_a_rod_that_is_rigid_in_torsion_is_put_together():
+    """No tip of it twists, whatever the moment: of a batch the other rods are as they are alone."""
+    EI = 0.02
+    rod = mr.Rod(length=0.3, bending_stiffness=EI, torsional_stiffness=[np.inf, 0.015])
+    top = mr.Body("top")
+    joints = [mr.Joint("mast", "base", to=mr.ground), mr.Joint("mast", "tip", to=top)]
+    robot = mr.Network(rods={"mast": rod}, bodies=[top], joints=joints)
+    found = mr.solve(robot, robot.inputs(force=(0.1, 0.05, 0)), solver=EXACT).raise_if_failed()
+    single = mr.SingleRod(mr.Rod(length=0.3, bending_stiffness=EI, torsional_stiffness=0.015))
+    expected = mr.solve(single, single.inputs(tip_force=(0.1, 0.05, 0)), solver=EXACT)
+    # a force alone bends a straight rod in a plane: it does not twist
+    np.testing.assert_allclose(found.tip_position, np.stack([expected.tip_position] * 2), rtol=0, atol=1e-10)
+
+
 def test_rods_on_bodies_are_integrated_apart_from_those_on_the_ground_or_with_them(monkeypatch):
     """Whichever takes fewer columns: to the same residual and ``Gamma``."""
     found = []

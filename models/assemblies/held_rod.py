@@ -209,8 +209,10 @@ class HeldRod(Assembly):
         options: dict[str, Any] = {"rod_count": 1, "transmission": False, "held": True}
         return (scene_features(self._free.arrays, active, inputs.profiles, **options),)
 
-    def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
-        return changed(self, computed=("_free", "holders", "longest", "stiffest"), rods=tuple(rods))
+    def with_rods(self, rods: Sequence[Rod]) -> Self:
+        """The same holders, where they are, with another rod."""
+        computed = ("_free", "holders", "longest", "stiffest")
+        return changed(self, computed=computed, rods=tuple(rods), end=self.holders.end)
 
     def __repr__(self) -> str:
         joints = [f"base_joint={self.base_joint!r}"] * (self.base_joint != "clamped")

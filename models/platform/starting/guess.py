@@ -60,10 +60,15 @@ class Legs:
     stiffness: FloatArray
 
     def softened(self, compliances: Sequence[float]) -> "Legs":
-        """The same legs with a compliance in L^3/EI added to their tips, in all directions: all instances for each of several."""
+        """The same legs with a compliance in L^3/EI added to their tips, in all directions, which twist by no less than it in
+        L/EI: all instances for each of several."""
         many = self.repeated(len(compliances))
         added = np.repeat(np.array(compliances), len(self.length))[:, None]
         extra = (added * many.length**3 / many.stiffness)[..., None, None] * np.diag([1.0, 1, 1, 0, 0, 0])
+        t = many.rotation[..., :, 2]
+        twist = np.einsum("bli,blij,blj->bl", t, many.flexibility[..., 3:, 3:], t)
+        rigid = np.maximum(added * many.length / many.stiffness - twist, 0.0)
+        extra[..., 3:, 3:] = rigid[..., None, None] * t[..., :, None] * t[..., None, :]
         return replace(many, flexibility=many.flexibility + extra)
 
     def repeated(self, count: int) -> "Legs":

@@ -10,12 +10,11 @@ import numpy as np
 from multirod.assembly import Assembly
 from multirod.inputs import Inputs
 from multirod.integrators import RK4, Integrator
-from multirod.models.backbone.influence.envelope import LOADS
 from multirod.models.backbone.inputs import LOADS as SPECS
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.naming import names_checked
 from multirod.rod import Rod
-from multirod.studies.terms.leaving_out import DROPPABLE, LINES, SECTIONS, left_out
+from multirod.studies.terms.leaving_out import droppable, left_out, loads_of
 from multirod.validation import boolean, positive_int, refuse
 
 SYMBOLS = {"tip_force": "F", "follower_force": "F", "tip_moment": "M", "follower_moment": "M"}
@@ -45,6 +44,7 @@ MODELLED = (
     "discs",
     "friction",
 )  # not what is done to the robot, but how it is seen
+FRAMELESS = ("tip_force", "force", "follower_moment")  # what is known without the frames of a rod, on its tip
 READ_AS = {"frame": "loads_need_frame"}  # with the pose alone it stands beside the equations that are solved
 LAUNCHES = 30
 
@@ -121,7 +121,7 @@ class Explanation:
         self.features = self.features_without(())
         self.terms = tuple(self._terms())
         names = [term.name for term in self.terms]
-        self.absent = tuple(name for name in DROPPABLE if name not in names and self._takes(name))
+        self.absent = tuple(name for name in droppable(robot) if name not in names)
         self.cost: Cost | None = None
 
     def __getitem__(self, name: str) -> Term:
@@ -194,7 +194,7 @@ class Explanation:
 
     def _terms(self) -> Iterable[Term]:
         known = self.robot.influences(self.inputs)
-        for name in DROPPABLE:
+        for name in droppable(self.robot):
             because = self._because(name)
             if not because:
                 continue
@@ -206,8 +206,7 @@ class Explanation:
 
     def _consequences(self) -> Iterable[Term]:
         """What is compiled in beside the terms themselves."""
-        taken = [name for name in LOADS if self._takes(name)] if self._takes("gravity") else []
-        loads = [name for name in taken if self.inputs.is_active(name)]
+        loads = [name for name in loads_of(self.robot) if self.inputs.is_active(name)]
         if any(f.measured for f in self.features):
             yield Term("measured", "inputs.tip_curvature takes the place of the condition at the tip")
         embedded = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.is_embedded]
@@ -229,23 +228,18 @@ class Explanation:
             yield Term("moment", f"tubes carry a moment together under {', '.join(loads) or 'what holds their tip'}")
         if any(f.loads_need_frame for f in self.features):
             held = any(f.held for f in self.features)
-            asking = [name for name in loads if name not in ("tip_force", "follower_moment")]
-            yield Term("frame", "legs that hold a platform" if held else f"{', '.join(asking)}: known in the world frame")
+            asking = ["what holds tips"] if held else [name for name in loads if name not in FRAMELESS]
+            yield Term("frame", f"{', '.join(asking) or 'where the rods are'}: known in the world frame")
         if any(f.transmission for f in self.features):
             yield Term("transmission", "tubes twist behind the plate")
         if any(f.held for f in self.features):
-            yield Term("held", "a platform holds the tips: base forces are unknown")
+            yield Term("held", "tips are held: base forces are unknown")
         yield Term("pose", "the pose of the tip is a result")
-
-    def _takes(self, name: str) -> bool:
-        if name in LINES:
-            return any(rod.lines for rod in self.robot.rods)
-        return name in SECTIONS or name in [spec.name for spec in self.robot.input_specs]
 
     def _because(self, name: str) -> str:
         """What asks for a droppable term; nothing does where that is empty."""
-        if name in LOADS:
-            return self._load(name) if self._takes(name) and self.inputs.is_active(name) else ""
+        if name not in ASKS:
+            return self._load(name) if self.inputs.is_active(name) else ""
         if name == "anisotropy" and self.robot.rod_count == 1:
             return ""  # no term of its own
         asking = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if ASKS[name](rod)]
@@ -256,7 +250,9 @@ class Explanation:
         if name in self.inputs.profiles:
             return f"inputs.{name}, a function of arclength"
         spec = next(spec for spec in self.robot.input_specs if spec.name == name)
-        largest = np.linalg.norm(getattr(self.inputs, name), axis=-1).max(initial=0.0)
+        values = np.asarray(getattr(self.inputs, name))
+        each = values[..., None] if spec.acts == "joints" else values.reshape(*values.shape[:-1], -1, 3)  # a vector each place
+        largest = np.linalg.norm(each, axis=-1).max(initial=0.0)
         return f"inputs.{name}, up to {largest:.3g} {spec.unit}"
 
     def as_table(self) -> tuple[str, list[str], list[list[str]], str]:
@@ -279,10 +275,12 @@ class Explanation:
                 row.append("" if value is None else f"{1e6 * value:.2f}")
             rows.append(row)
         below = "not asked for, not compiled in: " + (", ".join(self.absent) or "nothing")
-        holding = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.lines]
-        if holding and not any(isfinite(term.error) for term in self.terms if term.droppable):
+        left = [term for term in self.terms if term.droppable]
+        if left and all(isnan(term.group) for term in left):
+            lined = [f"rods[{k}]" for k, rod in enumerate(self.robot.rods) if rod.lines]
+            holding = f"lines of {', '.join(lined)} hold" if lined else f"holds the rods of this {type(self.robot).__name__}"
             below += (
-                f"\nnothing is promised, simplify= drops nothing: what lines of {', '.join(holding)} hold back is not bounded;"
+                f"\nnothing is promised, simplify= drops nothing: what {holding} back is not bounded;"
                 " solve(*explanation.without(name)) says what a term does"
             )
         return head, columns, rows, below

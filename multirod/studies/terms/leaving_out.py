@@ -6,7 +6,7 @@ from math import inf
 
 import numpy as np
 
-from multirod.assembly import Robot
+from multirod.assembly import Assembly, Robot
 from multirod.inputs import Inputs
 from multirod.models.backbone.influence.envelope import LOADS
 from multirod.profile import Profile
@@ -53,13 +53,23 @@ LINES = {
     "discs": lambda rod, line: line.on(rod.sections),
     "friction": lambda rod, line: line.smooth(),
 }
-DROPPABLE = (*LOADS, *SECTIONS, *LINES)
+
+
+def loads_of(robot: Assembly) -> tuple[str, ...]:
+    """Names of the loads that a robot takes, but for what drives its lines: those of a backbone first."""
+    taken = [spec.name for spec in robot.input_specs if spec.load is not None and spec.acts != "lines"]
+    return (*(name for name in LOADS if name in taken), *(name for name in taken if name not in LOADS))
+
+
+def droppable(robot: Assembly) -> tuple[str, ...]:
+    """Names of all that may be left out of scenes of a robot."""
+    return (*loads_of(robot), *SECTIONS, *(LINES if any(rod.lines for rod in robot.rods) else ()))
 
 
 def left_out(robot: Robot, inputs: Inputs, names: Sequence[str]) -> tuple[Robot, Inputs]:
     """The robot and the inputs without these terms; what they do not touch is shared."""
     changes = [name for name in (*SECTIONS, *LINES) if name in names]
-    loads = [name for name in names if name in LOADS]
+    loads = [name for name in names if name not in changes]
     if changes:
         robot = robot.with_rods([_without(rod, changes) for rod in robot.rods])
     return robot, inputs.without(loads) if loads else inputs
