@@ -29,7 +29,8 @@ _OTHER_NAMES: dict[str, tuple[str, ...]] = {
         ("precurvature",): "curvature kappa u_star ustar rest_curvature",
         ("diameter", "outer_diameter"): "d od radius r outer_radius",
         ("inner_diameter",): "id inner_radius",
-        ("density", "linear_density"): "rho mass",
+        ("density", "linear_density"): "rho mass density",
+        ("linear_density",): "mass_per_length mass_per_metre mass_per_meter",
         ("length",): "l arclength",
         ("area",): "cross_section hollow",
         ("lines",): "tendons tendon cables chambers",
@@ -65,6 +66,7 @@ _TAKEN_BY = {
     **dict.fromkeys(("payload", "tip_mass", "tip_weight"), "a weight is a force, tip_force=(0, 0, -9.81 * mass)"),
 }  # by robots, of inputs that are no others'
 _OF_STRIPS = {"width", "thickness", "height"}
+_PER_VOLUME, _PER_LENGTH = {"rho", "density"}, {"linear_density", "mass_per_length", "mass_per_metre", "mass_per_meter"}
 _BY_HALF = {"radius", "r", "outer_radius", "inner_radius"}  # of diameters
 _OF_AXES = {"title", "legend", "linewidth", "lw", "color", "view", "elev", "azim", "xlim", "fontsize", "cmap", "units", "label"}
 _OF_FIGURES = {"save", "path", "filename", "figsize", "dpi", "show", "fig", "figure"}
@@ -185,5 +187,8 @@ def meant(name: str, options: Iterable[str]) -> str:
     close = close or get_close_matches(name, options, 1) or [o for o in options if name.lower() == o.lower()]
     if not close and "ax" in options and name in _OF_AXES | _OF_FIGURES:  # of a plot
         return "; the axes that it returns do" + ", or their figure, .figure.savefig(path)" * (name in _OF_FIGURES)
-    twice = ", twice that" * (name.lower() in _BY_HALF)
-    return f"; did you mean {close[0]!r}{twice}?" if close else ""
+    if name.lower() in _PER_LENGTH and "density" in options:
+        return "; density is mass per volume [kg/m^3]: mass per length over the area of the cross-section"
+    other = ", twice that" * (name.lower() in _BY_HALF)
+    other += ", that times the area of the cross-section" * (name.lower() in _PER_VOLUME and close == ["linear_density"])
+    return f"; did you mean {close[0]!r}{other}?" if close else ""

@@ -15,6 +15,10 @@ class Reach(ABC):
     def exceeded(self) -> NDArray[np.bool_]:
         """Where they are, at the present inputs, shape (instance_count,); False where that is not known."""
 
+    def used_up(self) -> NDArray[np.bool_]:
+        """Where they are just as far apart, too: rods between are straight then, and hold nothing across by any finite force."""
+        return self.exceeded()
+
     @abstractmethod
     def said(self, instance: int) -> str:
-        """What is too short, of an instance of which ``exceeded`` says so, as the end of a message."""
+        """What is too short, of an instance of which ``used_up`` says so, as the end of a message."""

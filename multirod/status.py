@@ -178,8 +178,9 @@ _MESSAGES = {
     Status.SINGULAR_TASK: "the freed inputs cannot move the end effector in a direction that the target asks for, where the "
     "search ended: ask for fewer rows, free other inputs, or begin elsewhere (a straight robot's tip cannot be pushed sideways, "
     "and a line moves nothing by its displacement where it is slack, or just so)",
-    Status.OUT_OF_REACH: "rods that do not stretch are held at places farther apart than they are long: move these nearer, take "
-    "longer rods or push them out by translation, or give them an axial_stiffness",
+    Status.OUT_OF_REACH: "rods that do not stretch are held at places farther apart than they are long, or just as far, where "
+    "they hold nothing across: move these nearer, take longer rods or push them out by translation, or give them an "
+    "axial_stiffness",
     Status.OUT_OF_HOLE: "a rod is pulled out of a hole of a body: nothing of it is left on one side; let it out by its "
     "translation, place the hole elsewhere on it, or lower what pulls",
     Status.UNDETERMINED: "straight rods that do not stretch share what they carry in ways that nothing determines: give them an "

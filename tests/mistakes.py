@@ -155,6 +155,23 @@ GROUPS: dict[str, list[Mistake]] = {
             "magnetisation=",
         ),
         Mistake(
+            "mass per length under another name",
+            "rod(mass_per_length=0.02)",
+            TypeError,
+            "mean 'linear_density'",
+            "linear_density=",
+        ),
+        Mistake(
+            "mass per volume given to Rod",
+            "rod(density=6450)",
+            TypeError,
+            "'linear_density', that times the area",
+            "linear_density=, density times the area; or Rod.wire, Rod.tube",
+        ),
+        Mistake(
+            "mass per length given to Rod.tube", "tube(linear_density=0.02)", TypeError, "density is mass per volume", "density="
+        ),
+        Mistake(
             "stiffnesses by their symbols",
             "mr.Section(length=0.4, EI=0.2, GJ=0.1)",
             TypeError,

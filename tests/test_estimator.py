@@ -321,6 +321,11 @@ def test_bad_estimators(make, options, error, message):
         make(**options)
 
 
+def test_inputs_of_no_instance_are_the_estimators_own(make, wire):
+    with pytest.raises(ValueError, match=r"^Estimator.inputs = leading axes \(0,\) .* there must be an instance"):
+        make(inputs=mr.SingleRod(wire).inputs(tip_moment=np.zeros((0, 3))))
+
+
 @pytest.mark.parametrize(
     ("measured", "changes", "error", "message"),
     [

@@ -401,6 +401,22 @@ def test_out_of_reach():
     assert history.status.tolist() == [mr.Status.CONVERGED, mr.Status.OUT_OF_REACH]
 
 
+@pytest.mark.parametrize("along", [0.0, 1.0])
+def test_at_its_full_length_it_bears_nothing_across(along):
+    """It can but be straight, whatever pulls: that is why there is no result, and is said."""
+    robot = mr.HeldRod(ROD)
+    few = mr.Shooting(max_integrations=300)
+    loaded = mr.solve(robot, robot.inputs(distributed_force=(0.1, 0, along)), solver=few)
+    assert loaded.status is mr.Status.OUT_OF_REACH
+    with pytest.raises(mr.SolveError, match=r"or just as far, where they hold nothing across.*reaches 1 m of 1 m"):
+        loaded.raise_if_failed()
+    assert mr.solve(robot, robot.inputs(), solver=few).status is mr.Status.CONVERGED
+    nearer = mr.solve(robot, robot.inputs(distributed_force=(0.1, 0, along), end_position=(0, 0, -1e-3)))
+    assert nearer.status is mr.Status.CONVERGED
+    with pytest.raises(mr.SolveError, match="FOLD: a mode is neutral there, or forces are not determined"):
+        mr.critical_loads(robot, robot.inputs(distributed_force=(0.1, 0, along)))
+
+
 def test_reach_along_a_slide_and_of_rods_that_stretch():
     sliding = mr.HeldRod(ROD, slide=ALONG)
     aside = np.array([(0, 0, 0.5), (0.999, 0, 0), (1.001, 0, 0)])

@@ -129,7 +129,13 @@ class HeldReach(Reach):
 
     def exceeded(self) -> NDArray[np.bool_]:
         """(17) As said."""
-        return np.asarray(self._apart() > (1 + TAUT) * self.problem.length_in_use()) if self.is_known else ~self.everyone
+        return self._beyond(1 + TAUT)
+
+    def used_up(self) -> NDArray[np.bool_]:  # noqa: D102
+        return self._beyond(1 - TAUT)
+
+    def _beyond(self, part: float) -> NDArray[np.bool_]:
+        return np.asarray(self._apart() > part * self.problem.length_in_use()) if self.is_known else ~self.everyone
 
     def said(self, instance: int) -> str:  # noqa: D102
         length, apart = (values[instance] for values in (self.problem.length_in_use(), self._apart()))

@@ -146,7 +146,7 @@ class Offers(Buffers):
         """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
         of why, where that says more than ``status`` does."""
         failed = failures(status)
-        beyond = failed & self.out_of_reach() if failed.any() else failed
+        beyond = failed & self.reach.used_up() if failed.any() and self.reach is not None else False
         return np.where(beyond, Status.OUT_OF_REACH, status).astype(np.int32)
 
     @property

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from inspect import Parameter, Signature
 from threading import Lock
-from typing import Any, Generic
+from typing import Any, ClassVar, Generic
 
 import numpy as np
 
@@ -84,6 +84,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
     """
 
     instead = "make a new Tracker(robot, solver=..., dt=..., inputs=tracker.inputs, guess=solution)"
+    _called: ClassVar[str] = "Tracker"  # by who made it
     _options: Mapping[str, Any] | None = None  # of the problem, beside what the solver needs
 
     @names_checked
@@ -130,7 +131,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
     def _prepare(self, guess: object) -> None:
         inputs = self._inputs
         if 0 in inputs.batch_shape:
-            refuse("Tracker.inputs", Described(f"leading axes {inputs.batch_shape}"), "there must be an instance")
+            refuse(f"{self._called}.inputs", Described(f"leading axes {inputs.batch_shape}"), "there must be an instance")
         self._enabled |= set(inputs.given)
         runner = Runner(self._robot, self._solver, inputs, self._dt, self._device, self._enabled, options=self._options)
         count = runner.problem.instance_count

@@ -30,6 +30,13 @@ TRIED = 10  # points, the same to the last bit, after which nothing is raised
 ROUNDED = 1e-6  # of an eigenvalue, what does not tell whether it falls
 PRECISE, STEPS = 4e-11, 150  # residual over the length of the longest rod: 1e-10 1/m of 0.4 m; steps
 
+NOT_STABLE = {  # why nothing can be said from a start that is not stable
+    Stability.UNSTABLE: "there is no stability to lose",
+    Stability.FOLD: "a mode is neutral there, or forces are not determined, as in a straight rod that does not stretch between "
+    "two holders; give it an axial_stiffness or a slide, or begin where it is bent, start=",
+    Stability.UNKNOWN: "whether it is stable is not known here, so nor is where that ends",
+}
+
 
 @dataclass(frozen=True)
 class CriticalLoad:
@@ -170,8 +177,7 @@ def critical_loads(
     branch, first = natural_start(robot, begin, inputs, method, device, budget, guess)
     if first.modes.stability[0] != Stability.STABLE:
         stability = Stability(int(first.modes.stability[0]))
-        why = "whether it is stable is not known here, so nor is where that ends" if stability is Stability.UNKNOWN else ""
-        raise SolveError(f"at the start the equilibrium is {stability.name}: {why or 'there is no stability to lose'}")
+        raise SolveError(f"at the start the equilibrium is {stability.name}: {NOT_STABLE[stability]}")
     changes, undecided, reached = _changes(branch, first, count, up_to, max_steps)
     if undecided:
         ranges = ", ".join(f"{low:.12g} to {high:.12g}" for low, high in undecided)

@@ -165,6 +165,8 @@ class Estimator(Uncopied, Generic[Robot_co]):
 class _Tracker(Tracker[Robot_co]):
     """A tracker whose solver frees inputs."""
 
+    _called = "Estimator"
+
     def __init__(self, robot: Robot_co, solver: "FilterSolver", dt: float, inputs: Inputs, device: str) -> None:
         self._options = options(robot, solver.names)
         super().__init__(robot, solver=solver, dt=dt, inputs=inputs, device=device)
