@@ -48,13 +48,11 @@ class Shapes(ABC):
         """Shape of each rod at the problem's ``unknowns``, and the elastic energy [J], shape (instance_count,)."""
 
     def jumps(self) -> tuple[FloatArray, ...]:
-        """Arclengths of each rod at which its curvature may jump between nodes [m], shape (instance_count, count); none by
-        default."""
+        """Arclengths of each rod where its curvature may jump between nodes [m], (instance_count, count); none by default."""
         return ()
 
     def bending(self, node_count: int) -> "Bending | None":
-        """What tells how bent rods are at so many nodes, of a problem of one instance; None, as by default, where they are to be
-        looked at by ``at_nodes``."""
+        """What tells how bent rods are at so many nodes, of one instance; None, as by default, where ``at_nodes`` is to."""
         return None
 
 
@@ -207,11 +205,14 @@ class Joints(ABC):
 
     @abstractmethod
     def open(self, unknowns: FloatArray) -> None:
-        """Make ``unknowns`` (instance_count, n) an equilibrium at a ``load_factor`` of 0: the residual there closes on the way to
-        1."""
+        """Make ``unknowns`` (instance_count, n) an equilibrium at a ``load_factor`` of 0: the residual closes on the way to 1."""
 
     def together(self) -> Together | None:
         """The assembly put together at once, which a ``load_factor`` of 0 leaves where it is; None where that is ``guess``."""
+        return None
+
+    def give_way(self, some: NDArray[np.bool_]) -> FloatArray | None:
+        """Let ends of ``some`` give way until ``load_factor`` is 1, from these unknowns; None where it is so anyway."""
         return None
 
     @abstractmethod

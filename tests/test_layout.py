@@ -217,7 +217,7 @@ def test_editors_are_told_where_public_names_are():
 # whose kernels no other file shares: each takes more than half a minute to be compiled and run
 LEFT_WHOLE = {
     f"tests/test_{name}.py"
-    for name in ("multiple_shooting_lines", "network_alone", "network_derivatives", "random_lines", "tube_friction")
+    for name in ("multiple_shooting_lines", "network_alone", "network_derivatives", "random_lines", "sizes", "tube_friction")
 }
 
 

@@ -1,5 +1,7 @@
 """Rods of networks cut into segments: the same robot, and cables that are not integrated in one piece."""
 
+import ast
+import re
 from pathlib import Path
 from typing import Any
 
@@ -205,6 +207,35 @@ def test_what_cannot_be_solved_says_how_to_cut_it() -> None:
     with pytest.raises(mr.SolveError) as error:
         light.raise_if_failed()
     assert "segments" not in str(error.value)
+
+
+@pytest.mark.parametrize("count", [3, 6])
+def test_a_platform_on_cables_says_how_to_cut_them(count: int) -> None:
+    """Three determine all forces; six that do not stretch hold some among each other by next to nothing but these: (27) of
+    docs/stability.md, from which `FOLD` was told."""
+    angle = 2 * np.pi * np.arange(count) / count
+    way = np.stack([-0.45 * np.cos(angle), -0.45 * np.sin(angle), np.full(count, -np.sqrt(1 - 0.45**2))], axis=1)
+    across = np.cross((0.0, 0.0, 1.0), way) / 0.45
+    base, platform = np.tile(np.eye(4), (2, count, 1, 1))
+    base[:, :3, :3] = platform[:, :3, :3] = np.stack([across, np.cross(way, across), way], axis=2)
+    base[:, :2, 3] = 0.5 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    platform[:, :3, 3] = base[:, :3, 3] + way + (0.0, 0.0, 0.9)
+    cable = mr.Rod(length=1.0, bending_stiffness=1e-3, torsional_stiffness=1e-3)
+    robot = mr.ParallelRods(legs=[cable] * count, base=base, platform=platform, joints="spherical", platform_mass=0.5)
+    few = mr.Shooting(max_integrations=500)
+    force, gravity = (0.5, 0.2, 0.0), (0.0, 0.0, -9.81)
+    failed = mr.solve(robot, robot.inputs(tip_force=force, gravity=gravity), solver=few, progress=False)
+    with pytest.raises(mr.SolveError) as error:
+        failed.raise_if_failed()
+    found = re.search(r"mr\.stacked\(robot, segments=(\{.*\})\)", str(error.value))
+    assert found is not None
+    segments = ast.literal_eval(found[1])
+    assert len(segments) == count
+    cut = mr.stacked(robot, segments=segments)
+    hung = mr.solve(cut, cut.inputs(force={"level 1": force}, gravity=gravity), progress=False).raise_if_failed()
+    assert hung.stability is mr.Stability.STABLE
+    held = sum(hung.wrench(name, "base").force for name in segments)
+    assert np.abs(held) == pytest.approx((0.5, 0.2, 0.5 * 9.81), abs=1e-6)
 
 
 @pytest.mark.parametrize(

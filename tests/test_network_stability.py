@@ -175,9 +175,24 @@ def test_straight_legs_side_by_side_share_a_load_as_nothing_determines(tip):
         assert (found.status, found.index) == (mr.Status.BIFURCATED, 0)
         np.testing.assert_allclose(found.events[0].load_factor, 0.25 / 0.35, rtol=1e-5)
         parallel = mr.ParallelRods(
-            legs=[ROUND] * 6, base=[joint.pose for joint in six.joints[::2]], platform=[joint.pose for joint in six.joints[1::2]]
+            legs=[ROUND] * 6,
+            base=[joint.pose for joint in six.joints[::2]],
+            platform=[joint.pose for joint in six.joints[1::2]],
+            joints=tip,
         )
-        assert mr.solve(parallel, parallel.inputs(tip_force=(0, 0, -1)), solver=solver).status is mr.Status.UNDETERMINED
+        found = mr.solve(parallel, parallel.inputs(tip_force=(0, 0, -1)), solver=solver)
+        assert found.status is mr.Status.UNDETERMINED
+        assert found.integrations < 150
+        # a load across bends them, which determines what each carries: it was `UNDETERMINED` too
+        force = 0.3, 0, -0.2 * 6 * euler
+        found = mr.solve(parallel, parallel.inputs(tip_force=force), solver=solver)
+        expected = mr.solve(six, six.inputs(force={"plate": force}), solver=solver)
+        assert (found.status, found.stability) == (mr.Status.CONVERGED, mr.Stability.STABLE)
+        np.testing.assert_allclose(found.tip_position, expected.tip_position, atol=1e-8)
+        # each as it is alone, in a batch with what is not begun again
+        both = mr.solve(parallel, parallel.inputs(tip_force=np.array([force, (0, 0, -1), (2, 1, 0)])), solver=solver)
+        assert [mr.Status(k) for k in both.status][:2] == [mr.Status.CONVERGED, mr.Status.UNDETERMINED]
+        assert np.array_equal(both.tip_position[0], found.tip_position)
 
 
 def ring(curvature, bending, torsion, radius):

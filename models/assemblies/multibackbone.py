@@ -6,9 +6,9 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.models.assemblies.network import Network
+from multirod.models.backbone.segments.cutting import piece, uniform
 from multirod.models.network.joining.bodies import Body, Ground, ground, standing
 from multirod.models.network.joining.joints import HOLES, Joint
-from multirod.models.network.joining.sliding import piece, uniform
 from multirod.naming import names_checked
 from multirod.rod import Rod
 from multirod.types import Numbers, Poses

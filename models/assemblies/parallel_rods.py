@@ -39,7 +39,7 @@ from multirod.models.platform.problem import ParallelProblem
 from multirod.naming import names_checked
 from multirod.read_only import changed
 from multirod.reuse import reusable
-from multirod.rod import Rod
+from multirod.rod import DENSITY, Rod
 from multirod.types import Numbers, Poses
 from multirod.validation import Described, FloatArray, array, choice, directions, nonnegative_float, refuse
 
@@ -254,7 +254,7 @@ class ParallelRods(Assembly):
             length = arrays.end[:, :, -1].max(axis=1)
             material = np.array(arrays.material)
             weighed = PLATFORM_WEIGHT / length * (1 + PLATFORM_MOMENT * lever / length)
-            material[..., 0, :, 9] += (weighed * geometry.mass / legs)[:, None]
+            material[..., 0, :, DENSITY] += (weighed * geometry.mass / legs)[:, None]
             longest = max((p.ends[-1] for p in inputs.profiles.values()), default=0.0)
             loads = Inputs(leg.input_specs, leg.rod_count, values, longest)
             whole = np.broadcast_shapes(inputs.batch_shape, arrays.batch_shape)

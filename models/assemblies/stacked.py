@@ -1,6 +1,6 @@
 """Parallel robots on top of each other, as a network."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.network import Network
@@ -23,6 +23,7 @@ def stacked(
     end_effector: str | None = None,
     to: Body | Ground = ground,
     base: Poses | None = None,
+    segments: Mapping[str, int] | None = None,
 ) -> Network:
     """Parallel robots on top of each other: the legs of each stand on the platform of the one before.
 
@@ -36,6 +37,7 @@ def stacked(
         end_effector: Name of a platform; the last by default.
         to: What the first stands on: ``mr.ground``, or a fixed body, which inputs move.
         base: Pose of the ground in the world, shape (..., 4, 4), or a ``Pose``; the identity by default.
+        segments: Into how many legs are cut that are long, soft and pulled, ``{"lower 0": 4}``, as of a ``Network``: cables.
 
     Returns:
         The network: loads are given by the names of platforms, ``robot.inputs(force={"upper": (0, 0, -2)})``, what legs do by
@@ -70,7 +72,7 @@ def stacked(
             joints.append(Joint(own, "tip", to=platform, pose=geometry.platform[..., k, :, :], kind=kind, axis=axis))  # type: ignore[arg-type]  # one of them
         bodies.append(platform)
         below = platform
-    return Network(rods=rods, bodies=bodies, joints=joints, end_effector=end_effector, base=base)
+    return Network(rods=rods, bodies=bodies, joints=joints, end_effector=end_effector, base=base, segments=segments)
 
 
 def _names(given: Sequence[str] | None, count: int) -> tuple[str, ...]:

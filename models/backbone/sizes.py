@@ -9,6 +9,7 @@ from multirod.inputs import InputSpec
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.kernels.layout.members import loads_in_material
 from multirod.models.backbone.kernels.loads.load import Load
+from multirod.rod import DENSITY
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ class Sizes:
         table = self.problem.arrays
         stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
         length = table.end[:, 0, -1] + inputs[:, self.problem.input_slice("translation")][:, 0]
-        weight = table.material[:, 0, :, 9].max(axis=1)
+        weight = table.material[:, 0, :, DENSITY].max(axis=1)
         total = np.zeros(self.problem.instance_count)
         by_configuration = {load.input for load in self.problem.features.loads}
         for spec in self.acting(inputs):

@@ -12,12 +12,13 @@ from multirod.batch import IntArray, take
 from multirod.models.backbone.assembly import BackboneAssembly
 from multirod.models.backbone.kernels.layout.members import drive_slices
 from multirod.models.backbone.kernels.layout.members import drives as drive_names
+from multirod.models.backbone.segments.cutting import piece
 from multirod.models.network.elements.elements import Layout
 from multirod.models.network.elements.entries import Entries
 from multirod.models.network.joining.bodies import Body, Ground, place_of
 from multirod.models.network.joining.joints import MOST, Joint, JointTable
 from multirod.models.network.joining.placing import Placing, placed
-from multirod.models.network.joining.sliding import Slides, piece
+from multirod.models.network.joining.sliding import Slides
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 

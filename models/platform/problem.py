@@ -28,8 +28,9 @@ from multirod.models.platform.derivatives.aim import Aim
 from multirod.models.platform.derivatives.along import LegSensing, columns_along
 from multirod.models.platform.derivatives.columns import input_columns
 from multirod.models.platform.geometry import Geometry
-from multirod.models.platform.inputs import PLATFORM_INPUTS, input_places
+from multirod.models.platform.inputs import input_places
 from multirod.models.platform.legs import LegGroup
+from multirod.models.platform.loads import load_scale, too_long
 from multirod.models.platform.reach import PlatformReach
 from multirod.models.platform.stability.clamps import PlatformClamps
 from multirod.models.platform.stability.conjugates import PlatformConjugates
@@ -320,18 +321,10 @@ class ParallelProblem(BoundaryProblem):
         return np.where(loading == Loading.NONE, 0.0, np.where(loading == Loading.FULL, 1.0, self.buffer("load_factor")))
 
     def load_scale(self) -> FloatArray:  # noqa: D102
-        inputs = self.read("inputs")
-        length = np.broadcast_to(self.length[:, -1], self.instance_count)
-        stiffness = np.broadcast_to(self.stiffness[:, -1], self.instance_count)
-        weight = self.geometry.mass * np.linalg.norm(inputs[:, self._places["gravity"]], axis=1)
-        total = weight * length**2 / stiffness
-        for spec in PLATFORM_INPUTS:
-            if spec.load is not None:
-                total += np.linalg.norm(inputs[:, self._places[spec.name]], axis=1) * length**spec.power / stiffness
-        for group in self.groups:
-            own = group.backbones.load_scale().reshape(self.instance_count, -1)
-            total += own.max(axis=1)
-        return np.asarray(total)
+        return load_scale(self)
+
+    def too_long(self, instance: int) -> str:  # noqa: D102
+        return too_long(self, instance)
 
     def places_of_drives(self, legs: Sequence[int]) -> NDArray[np.int32]:
         """Where in a row of inputs that of each line of these legs stands, (leg, line), in the order of a leg's own row."""

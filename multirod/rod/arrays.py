@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.kernels.loads.load import Load
     from multirod.models.backbone.members.member import Member
 
+DENSITY = 9  # which column of ``RodArrays.material`` is the mass per length
 SAME_PLACE = 1e-12  # of its arclength: a cut that near the end of a section is there
 
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.capabilities import Loading
+from multirod.capabilities import Joints, Loading
 from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import Paths
@@ -49,22 +49,47 @@ def natural_branch(
         _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
     lost = outcome.status != CONVERGED
     if lost.any():
-        # what is left of the residual at the full load
-        with problem.only(lost):
-            problem.integrate()
-        outcome.integrations += lost
-        # what gives way on the way no longer does at its end; what does not give way gets nowhere
-        reached = outcome.reached
-        there = np.isin(outcome.status, (Status.BRANCH_END, Status.STALLED, Status.SINGULAR_JACOBIAN)) & chosen
-        if reached is not None:
-            there &= (reached > 1 - AT_END) | (reached == 0)
-        if there.any():
-            outcome.status[there & problem.undetermined()] = Status.UNDETERMINED
-            # what loads hold though it is loose is found by other ways
-            at_rest = there & (problem.load_scale() < UNLOADED)
-            if at_rest.any():
-                outcome.status[at_rest & problem.is_loose()] = Status.LOOSE
+        _say_what_is_lost(problem, outcome, lost)
+        if problem.joints is not None and (outcome.status == Status.UNDETERMINED).any():
+            _give_way(problem, problem.joints, newton, max_steps, bounds, outcome)
     return outcome
+
+
+def _say_what_is_lost(problem: BoundaryProblem, outcome: Outcome, lost: BoolArray) -> None:
+    """Which of those that are ``lost`` are undetermined or loose: told at the full load, by what is left of it there."""
+    with problem.only(lost):
+        problem.integrate()
+    outcome.integrations += lost
+    # what gives way on the way no longer does at its end; what does not give way gets nowhere
+    reached = outcome.reached
+    there = np.isin(outcome.status, (Status.BRANCH_END, Status.STALLED, Status.SINGULAR_JACOBIAN)) & lost
+    if reached is not None:
+        there &= (reached > 1 - AT_END) | (reached == 0)
+    if there.any():
+        outcome.status[there & problem.undetermined()] = Status.UNDETERMINED
+        # what loads hold though it is loose is found by other ways
+        at_rest = there & (problem.load_scale() < UNLOADED)
+        if at_rest.any():
+            outcome.status[at_rest & problem.is_loose()] = Status.LOOSE
+
+
+def _give_way(
+    problem: BoundaryProblem, joints: Joints, newton: Newton, max_steps: int, bounds: FloatArray, outcome: Outcome
+) -> None:
+    """Begin again what is undetermined at rest, with ends that give way until all loads act: these may bend it, which determines
+    it."""
+    some = (outcome.status == Status.UNDETERMINED) & (outcome.reached == 0)
+    unknowns = joints.give_way(some) if some.any() else None
+    if unknowns is None:
+        return
+    before = newton.allowed()
+    newton.allow(np.maximum(before - outcome.integrations - 1, 0))
+    again = Paths.of(problem, newton, max_steps).raise_loads(some, bounds, unloaded=unknowns)
+    again.integrations += some
+    newton.allow(before)
+    if (lost := some & (again.status != CONVERGED)).any():
+        _say_what_is_lost(problem, again, lost)
+    outcome.end_with(again, some)
 
 
 def let_go(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: BoolArray) -> BoolArray:

@@ -282,7 +282,8 @@ class _Together:
             unknowns[row, : len(at.unknowns)] = at.unknowns
             self.levels[k] = at.level
         turns.put(unknowns)
-        with self._placed(part, places):
+        # of points that are not fit, which their residual tells
+        with self._placed(part, places), np.errstate(invalid="ignore", over="ignore"):
             part.integrate()
             residual, gamma, unit, turned = turns.after(unknowns)
             moved = np.concatenate([turns.clamps.moved(), part.buffer("pose_columns")[:, None, :3, :size]], axis=1)

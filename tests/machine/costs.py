@@ -26,6 +26,7 @@ A_KERNEL, A_BYTE = 1.5, 1 / 18_000
 # never left out: the run that the package is named for, the page that others are written from, and what rotted unseen or would
 KEPT = {
     "tests/test_observer.py::test_default_observer_is_the_paper_run",
+    "tests/test_examples.py::test_new_assembly_agrees_with_the_clamped_rod",
     "tests/test_mistakes.py::test_the_page_lists_what_is_said",
     "tests/test_linear_algebra.py::test_a_gpu_can_run_what_is_written_in_its_compilers_words",
     "tests/test_layout.py::test_folders_side_by_side_do_not_need_each_other",
@@ -137,7 +138,7 @@ def main() -> None:
     """Write the names of the tests that are left out."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="with the lines of a run of all tests")
-    parser.add_argument("--minutes", type=float, default=9.5, help="of processor time, from an empty cache of kernels")
+    parser.add_argument("--minutes", type=float, default=8.5, help="of processor time, from an empty cache of kernels")
     options = parser.parse_args()
     times, kernels, made = read(options.folder)
     chosen, have = choose(times, kernels, made, 60 * options.minutes)

@@ -15,7 +15,7 @@ from multirod.batch import IntArray
 from multirod.inputs import Inputs
 from multirod.models.backbone.inputs import LOADS as SPECS
 from multirod.profile import bounds, recentred
-from multirod.rod import RodArrays
+from multirod.rod import DENSITY, RodArrays
 from multirod.validation import FloatArray
 
 SAME_PLACE = 1e-12  # [m]: ends this close are at the same place
@@ -155,7 +155,7 @@ def _materials(arrays: RodArrays, ends: FloatArray, length: FloatArray) -> tuple
         "least": 1 / material[..., :3].min(axis=-1),
         "shear": material[..., 6:9].max(axis=-1),
         "across": np.abs(material[..., 6] - material[..., 7]),
-        "density": material[..., 9],
+        "density": material[..., DENSITY],
         "magnetisation": np.linalg.norm(material[..., 10:13], axis=-1),
         "curved": EI.max(axis=-1) * np.linalg.norm(_mean(precurvature)[..., :2], axis=-1),
     }

@@ -24,6 +24,7 @@ from multirod.models.backbone.stability.in_pieces import form_in_pieces
 from multirod.models.backbone.stability.mode_bounds import ModeBounds, may_be_bounded
 from multirod.models.backbone.stability.sure import SureStability, may_be_sure
 from multirod.profile import DEGREE
+from multirod.rod import DENSITY
 from multirod.segments import Breakpoints
 from multirod.stability import Modes, Stability, StabilityAnalysis
 from multirod.validation import FloatArray
@@ -372,7 +373,7 @@ class BackboneStability(StabilityAnalysis):
                 continue
             size = np.linalg.norm(inputs[:, self.problem.input_slice(spec.name)], axis=1)
             if spec.name == "gravity":
-                size = size * self.problem.each(self.problem.arrays.material[..., 9].max(axis=2).sum(axis=1))
+                size = size * self.problem.each(self.problem.arrays.material[..., DENSITY].max(axis=2).sum(axis=1))
             total += size * length if spec.acts == "along" else size
         if self.problem.features.profile_degree >= 0:
             profile = self.problem.table.profile.numpy()

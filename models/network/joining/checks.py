@@ -5,11 +5,11 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from multirod import plausibility
+from multirod.models.backbone.segments.cutting import uniform
 from multirod.models.network.graph import ENDS, Graph
 from multirod.models.network.joining.bodies import BY_RODS, Body
 from multirod.models.network.joining.joints import ALONG as ALONG_ROD
 from multirod.models.network.joining.joints import SLIDING, Joint
-from multirod.models.network.joining.sliding import uniform
 from multirod.naming import meant
 from multirod.rod import Rod
 from multirod.validation import Described, positive_int, refuse

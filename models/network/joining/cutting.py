@@ -1,19 +1,16 @@
 """Into how many segments rods should be cut. Numbers in parentheses are those of ``docs/networks.md``."""
 
-from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multirod.models.network.joining.sliding import densities, may_be_cut
+from multirod.models.backbone.segments.cutting import advice, may_be_cut, needed
+from multirod.models.network.joining.sliding import densities
 from multirod.models.network.places import FOLLOWING, LOADED
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
-
-EACH = 5.0  # by whose exponential an error may grow along one segment
-LONGEST = 10.0  # by which it may along a rod before it is said that it should be cut
 
 
 def too_long(problem: "NetworkProblem", instance: int) -> str:
@@ -24,13 +21,10 @@ def too_long(problem: "NetworkProblem", instance: int) -> str:
         first = slides.of(rod)[0]
         length = float(slides.pieces[first] * problem.length[instance, first])
         growth = length * np.sqrt(pull / problem.stiffness[instance, first])
-        count = ceil(growth / EACH)
-        if growth > LONGEST and count > graph.segments.get(name, 1) and may_be_cut(graph.whole[rod].rods, graph.holes.get(name)):
+        count = needed(growth)
+        if count > graph.segments.get(name, 1) and may_be_cut(graph.whole[rod].rods) and not graph.holes.get(name):
             wanted[name] = count
-    if not wanted:
-        return ""
-    which = f"rod{'s' * (len(wanted) > 1)} {', '.join(map(repr, wanted))}"
-    return f" ({which} may amplify errors too much to be integrated in one piece: mr.Network(..., segments={wanted}))"
+    return advice(wanted, "rod", "mr.Network(..., segments={})")
 
 
 def _pull(problem: "NetworkProblem", instance: int) -> float:

@@ -4,7 +4,6 @@ Numbers in parentheses are those of ``docs/networks.md``.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -12,8 +11,7 @@ from numpy.typing import NDArray
 
 from multirod.models.network.joining.bodies import Body
 from multirod.models.network.joining.joints import Joint
-from multirod.read_only import changed
-from multirod.rod import Rod
+from multirod.rod import DENSITY
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -21,7 +19,6 @@ if TYPE_CHECKING:
     from multirod.models.network.problem import NetworkProblem
     from multirod.models.network.state import State
 
-DENSITY = 9  # where the mass per length stands among what kernels read of a section
 NONE = -1  # in the place of a hole
 
 
@@ -155,24 +152,6 @@ class Slides:
     def shared(self) -> NDArray[np.bool_]:
         """Whether the joint at the base of a piece is that at the tip of the piece below it, shape (piece_count,)."""
         return ~self.first
-
-
-def uniform(rod: Rod) -> bool:
-    """Whether a rod is the same all along: of one section, whose precurvature is no function of arclength."""
-    return len(rod.sections) == 1 and isinstance(rod.sections[0].precurvature, np.ndarray)
-
-
-def may_be_cut(rods: Sequence[Rod], holes: Sequence[Joint] | None) -> bool:
-    """Whether a rod, or tubes in each other, may be cut into segments."""
-    return len(rods) == 1 and not holes and uniform(rods[0]) and not rods[0].carried
-
-
-def piece(rod: Rod, count: int) -> Rod:
-    """One of ``count`` equal pieces of a uniform rod."""
-    if count == 1:
-        return rod
-    (section,) = rod.sections
-    return changed(rod, sections=(replace(section, length=section.length / count),))
 
 
 def densities(problem: "NetworkProblem") -> FloatArray:

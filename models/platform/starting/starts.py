@@ -69,6 +69,15 @@ class PlatformJoints(Joints):
         with problem.everyone(), problem.at_load(0.0):
             problem.robots.opening.assign(problem.evaluate(unknowns)[0])
 
+    def give_way(self, some: BoolArray) -> FloatArray:  # noqa: D102
+        arrays = self.problem.robots.opening, self.problem.robots.soft
+        unknowns, before = self.problem.closing.closed().unknowns, [np.array(values.numpy()) for values in arrays]
+        self.open(unknowns)
+        for values, own in zip(arrays, before, strict=True):
+            own[some] = values.numpy()[some]
+            values.assign(own)
+        return np.array(unknowns)
+
     def close(self, loading: Loading) -> None:  # noqa: D102
         self.problem.robots.loading.fill_(int(loading))
 

@@ -16,6 +16,7 @@ Chosen: TypeAlias = NDArray[np.bool_] | NDArray[np.integer[Any]]  # instances of
 
 MOST_NODES = 16385
 WORST_CONDITION = 1e12  # of the columns at a node; beyond it rounding may change a sign
+HARDLY = 1e-3  # of K/L: no more is what holds a mode that is neutral, if it is held by what is free
 ROUNDED = 1e-12  # of K/L: what rounding leaves of an eigenvalue that vanishes
 STIFF = 100.0  # times K/L: what stands where a tube's angle has been eliminated
 
@@ -165,7 +166,7 @@ def neutral_sizes(vectors: FloatArray, firm: NDArray[np.bool_] | None) -> FloatA
     if firm is None:
         return np.full((*vectors.shape[:-2], vectors.shape[-1]), NEUTRAL)
     share = np.where(firm[..., None], 0.0, vectors * vectors).sum(axis=-2)
-    return np.asarray(np.clip(share, ROUNDED, NEUTRAL))
+    return np.asarray(np.clip(HARDLY * share, ROUNDED, NEUTRAL))
 
 
 def certain_determinant(matrices: FloatArray) -> FloatArray:
