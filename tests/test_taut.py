@@ -74,6 +74,26 @@ def test_a_string_bears_what_it_is_stretched_by(diameter):
     np.testing.assert_allclose(np.abs(solution.end_force), (0, 0, tension), rtol=1e-7, atol=1e-9 * tension)
 
 
+@pytest.mark.parametrize("diameter", [2e-3, 1e-3, 0.5e-3])
+def test_a_string_is_moved_aside_without_being_pressed_first(diameter):
+    """(2b) of docs/held.md: on a straight line the end would come 0.1 mm nearer, and wires of 1 mm buckle by 5 µm: `BRANCH_END`
+    after 13,000 integrations."""
+    robot, length, aside = mr.HeldRod(wire(diameter)), LENGTH + 2e-4, 0.04 * LENGTH
+    solution = mr.solve(robot, robot.inputs(end_position=(aside, 0, np.sqrt(length**2 - aside**2) - LENGTH)))
+    assert not solution.failed
+    assert solution.integrations < 1500
+    assert solution.stability is mr.Stability.STABLE
+    x = solution.rod(0).position[:, 0]
+    assert x.min() > -1e-9  # a string between clamps, which does not sway
+    assert x.max() < aside + 1e-9
+    # a beam under tension is straight between layers at its clamps
+    tension = np.linalg.norm(solution.end_force)
+    ends = np.sqrt(YOUNG * np.pi / 64 * diameter**4 / tension)  # decay length of what clamps bend
+    middle = len(x) // 2
+    slope = (x[middle + 1] - x[middle - 1]) / (LENGTH * 2 / (len(x) - 1))
+    assert slope == pytest.approx(aside / (LENGTH - 2 * ends), rel=1e-2)
+
+
 def test_a_string_in_a_network_is_stable():
     end = mr.Pose(position=(0, 0, LENGTH + 2e-4), rotation=np.eye(3))
     joints = [mr.Joint("string", "base", to=mr.ground), mr.Joint("string", "tip", to=mr.ground, pose=end)]

@@ -50,7 +50,7 @@ class HeldParts(PartsAtEqualSteps["HeldProblem"]):
         result.stop, result.side = whole.stop, whole.side
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
-        for name in ("rest_position", "rest_turn", "opening", "direct", "leading", "drawn", "ways", "held_at"):
+        for name in ("rest_position", "rest_turn", "swing", "opening", "direct", "leading", "drawn", "ways", "held_at"):
             getattr(result.table, name).assign(getattr(whole.table, name).numpy()[instances])
         result._natural = None if whole._natural is None else whole._natural[instances]
         result.breakpoints = taken(whole.breakpoints, instances)

@@ -295,6 +295,17 @@ def pulled(problem: "HeldProblem") -> NDArray[np.bool_]:
     return np.asarray(beyond & (problem.holders.slide is None))
 
 
+def swing(problem: "HeldProblem", rest: FloatArray) -> FloatArray:
+    """(2b) Rotation vectors that lead the line from the base to ``rest``, where the end is at rest, to that to where it is to be,
+    of rods that are ``pulled`` alone; both of shape (instance_count, 3)."""
+    base, taut = problem.rod.table.base_position.numpy(), pulled(problem)
+    lines = np.where(taut[:, None, None], np.stack([rest - base, problem.goal()[0] - base], axis=1), AXIS)
+    size = np.linalg.norm(lines, axis=2, keepdims=True)
+    apart = size[:, 0] > ON_AXIS * problem.length_in_use()[:, None]
+    line, way = np.where(apart[:, None], lines / np.where(size > 0, size, 1.0), AXIS).swapaxes(0, 1)
+    return vectors(turned_to(line, way))
+
+
 def loaded(problem: "HeldProblem") -> NDArray[np.bool_]:
     """Whether anything acts on the rod or its end, shape (instance_count,)."""
     inputs = problem.read("inputs")[:, 2:-1]  # neither turned nor pushed out, nor the scale of functions of arclength

@@ -22,6 +22,7 @@ from multirod.models.held.costless import (
     loaded,
     pulled,
     straight_at_rest,
+    swing,
     turned_to,
 )
 from multirod.models.held.kernels.arguments import ACROSS, BALL_AND_CLAMP, BESIDE, IN_BALLS
@@ -127,6 +128,7 @@ def begin(problem: "HeldProblem") -> Begun:
         if led.any():
             x, buckled, turned = _led(problem, x, np.array(position), led)
             position = np.array(problem.table.rest_position.numpy())
+        problem.table.swing.assign(swing(problem, position))
         residual, gamma = problem.evaluate(x)
         if buckled.any():
             x, residual, gamma = _settled(problem, x, residual, gamma, buckled)

@@ -37,6 +37,7 @@ def make_table(problem: "HeldProblem", pieces: int) -> Struct:
     held.base_frame = array(problem.base_frame, wp.mat33d)
     held.end_position, held.end_frame = array(problem.end_position, wp.vec3d), array(problem.end_frame, wp.mat33d)
     held.rest_position, held.rest_turn = array(problem.end_position, wp.vec3d), wp.zeros(count, dtype=wp.vec3d, device=device)
+    held.swing = wp.zeros(count, dtype=wp.vec3d, device=device)
     held.length, held.stiffness = array(problem.length, wp.float64), array(problem.stiffness, wp.float64)
     held.moment_unit = array(1 / unit_stiffness(rod.each(rod.arrays.material[:, 0, 0])), wp.vec3d)
     held.base_curvature = array(rod.each(rod.arrays.precurvature[:, 0, 0, :3]), wp.vec3d)

@@ -145,7 +145,7 @@ class Offers(Buffers):
     def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
         """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
         of why, where that says more than ``status`` does."""
-        failed = failures(status)
+        failed = failures(status) & (status != Status.UNDETERMINED)  # which says more
         beyond = failed & self.reach.used_up() if failed.any() and self.reach is not None else False
         return np.where(beyond, Status.OUT_OF_REACH, status).astype(np.int32)
 

@@ -36,6 +36,7 @@ class Held:
     end_frame: wp.array[wp.mat33d]
     rest_position: wp.array[wp.vec3d]  # of the end of the rod at rest
     rest_turn: wp.array[wp.vec3d]  # (2) rotation vector from there to end_frame
+    swing: wp.array[wp.vec3d]  # (2b) rotation vector from the line between base and end at rest to that at the full load
     length: wp.array[wp.float64]  # scales
     stiffness: wp.array[wp.float64]
     moment_unit: wp.array[wp.vec3d]  # curvature per base moment

@@ -22,12 +22,18 @@ class End:
 
 @wp.func
 def end_pose(held: Held, b: int) -> End:
-    """(1), (2) The pose on the way from that of the rod at rest."""
+    """(1) to (2b) The pose on the way from that of the rod at rest."""
     end = End()
     path = wp.where(held.direct[b] != 0, f64(1.0), held.problem.load_factor[b])
     rest = path - f64(1.0)
     goal = held.end_position[b] + vector(held.problem.inputs, b, held.pose)
     end.position = goal + rest * (goal - held.rest_position[b])
+    swing = held.swing[b]
+    if rest != f64(0.0) and wp.length_sq(swing) > f64(0.0):
+        base = held.base_position[b]
+        line = held.rest_position[b] - base
+        longer = path * wp.length(goal - base) / wp.length(line) - rest
+        end.position = base + longer * (rotation_from_vector(path * swing) * line)
     a = path * vector(held.problem.inputs, b, held.pose + 3)
     end.rotation = rotation_from_vector(a) * (rotation_from_vector(rest * held.rest_turn[b]) * held.end_frame[b])
     end.turn = path * left_jacobian(a)
