@@ -265,13 +265,14 @@ def measured(name: str, setting: Setting, history: History, reference: Reference
     def largest(values: FloatArray) -> float:
         return float(np.max(values)) if counted.any() and not failed[counted].any() else np.inf
 
+    shape = largest(errors.shape)
     warm = slice(2 if count > 2 else 0, None)  # the first start from nothing
     return Measured(
         name=name,
         solver=setting.solver,
-        position=largest(errors.position[counted]),
+        position=max(largest(errors.position[counted]), shape if reference.by_shape else 0.0),
         rotation=largest(errors.rotation[counted]),
-        shape=largest(errors.shape),
+        shape=shape,
         residual=largest(np.asarray(history.residual)[counted]),
         median=float(np.median(history.step_time[warm])),
         slow=float(np.percentile(history.step_time[warm], 95)),

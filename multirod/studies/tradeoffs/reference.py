@@ -11,6 +11,7 @@ from multirod.batch import IntArray, Interrupted
 from multirod.inputs import Inputs
 from multirod.integrators import RK4, RK45
 from multirod.results.history import History
+from multirod.results.solution import Solution
 from multirod.running.simulation import Runner, simulate, solve
 from multirod.solvers.shooting import Shooting
 from multirod.studies.tradeoffs.limit import Limited
@@ -54,6 +55,7 @@ class Reference:
         history: The motion.
         known: Samples in which it has a result, shape (sample_count,).
         gap: How far both are apart, relative to the length, and in the end effector's angle; infinite where one failed.
+        by_shape: Whether inputs say where the tip is, so that it tells nothing, and all of the rods count in its place.
 
     Raises:
         ValueError: If it takes longer than ``budget`` [s].
@@ -61,6 +63,7 @@ class Reference:
 
     def __init__(self, robot: Assembly, inputs: Inputs, time: FloatArray, *, budget: float) -> None:
         done = [0]
+        self.by_shape = robot.end_held or "platform_position" in (spec.name for spec in robot.input_specs)
         method, self._check = Limited(REFERENCE, budget), Limited(CHECK, budget)
         try:
             self.history: History = simulate(robot, inputs, time=time, solver=method, progress=lambda k: done.append(k))
@@ -113,6 +116,9 @@ class Reference:
         aside = START_OFF * np.abs(unknowns).max(axis=-1, keepdims=True) * np.random.default_rng(0).uniform(-1, 1, unknowns.shape)
         other = solve(own.assembly, inputs, solver=self._check, guess=unknowns + aside, progress=False)
         apart = np.linalg.norm(other.tip_position - own.tip_position[chosen], axis=-1) / self.length
+        if self.by_shape:
+            shapes = self._nodes_at(chosen) - _nodes(other, np.arange(len(chosen)))
+            apart = np.maximum(apart, np.linalg.norm(shapes, axis=-1).max(axis=(1, 2)) / self.length)
         gap = np.maximum(apart, _angle(own.tip_rotation[chosen], other.tip_rotation))
         return float(gap.max()) if np.isfinite(gap).all() else inf
 
@@ -122,7 +128,7 @@ def _evenly(samples: IntArray, count: int) -> IntArray:
     return np.asarray(samples[np.unique(np.linspace(0, len(samples) - 1, count).astype(int))]) if len(samples) else samples
 
 
-def _nodes(history: History, chosen: IntArray) -> FloatArray:
+def _nodes(history: History | Solution, chosen: IntArray) -> FloatArray:
     """Of the rods in some samples, shape (chosen, rod, node, 3); no rods where the assembly offers no shapes."""
     if not len(chosen):
         return np.zeros((0, history.assembly.rod_count, SHAPE_NODES, 3))

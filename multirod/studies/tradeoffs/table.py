@@ -29,7 +29,7 @@ class Measured:
     Attributes:
         name: In tables and plots.
         solver: Ready to use.
-        position: Largest distance of the tip from the reference [m].
+        position: Largest distance of the tip from the reference [m]; of all nodes, where inputs say where that is.
         rotation: Largest angle between the end effector's frame and the reference's [rad].
         shape: Largest distance of a node of any rod, of 21, from the reference's [m]; at fewer steps than nodes these take a step
             each (``docs/tradeoff.md``).
