@@ -211,10 +211,6 @@ class Joints(ABC):
         """The assembly put together at once, which a ``load_factor`` of 0 leaves where it is; None where that is ``guess``."""
         return None
 
-    def give_way(self, some: NDArray[np.bool_]) -> FloatArray | None:
-        """Let ends of ``some`` give way until ``load_factor`` is 1, from these unknowns; None where it is so anyway."""
-        return None
-
     @abstractmethod
     def close(self, loading: Loading) -> None:
         """How loads act from now on while ``load_factor`` goes to 1."""

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.held.costless import AXIS, acting, force_along, on_axis
+from multirod.models.held.costless import AXIS, acting, force_along, on_axis, straight_at_rest
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
 from multirod.rotations import cross, leading_axis, matrices
+from multirod.status import Status
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -21,6 +22,9 @@ ALONG = 0.99  # cosine of the angle between axes that are taken for one
 # of the length, and of how far its middle moves, the end may stand beside the axis, turned across it by as much [rad]
 BESIDE, BESIDE_BEND = 1e-2, 0.1
 SLIGHT = 1e-3  # of EI/L: torques about the axis by which the rest of it then draws a rod to a side
+STIFF, FAR = 1e-2, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
+BEYOND = 2.0  # times which it is shortened that begins so where another way came to an end
+STIFF_IN_MEDIUM = 2e-3  # the same where another mode is the first, whose event is not told
 ELEMENTS = 48  # of a rod that is not equally stiff all along: its critical load is off by 0.2 %
 PARTS = np.array([0.5, *[1.0] * (ELEMENTS - 1), 0.5])  # of an element that stand where each ends
 CRUMBS = 1e-9  # of the larger part of an axis: that is rounding
@@ -293,3 +297,29 @@ def buckled(problem: "HeldProblem", axis: FloatArray, modes: Modes, size: FloatA
 def _turns(kind: int, own: FloatArray, axis: FloatArray) -> NDArray[np.bool_]:
     """Whether a joint, if revolute about its ``own`` axis, turns freely about an axis (instance_count, 3)."""
     return np.asarray((kind == SPHERICAL) | ((kind == REVOLUTE) & (np.abs(axis @ own) > ALONG)))
+
+
+def pushed_far(problem: "HeldProblem", end: FloatArray, far: float = FAR) -> NDArray[np.bool_]:
+    """Whether a rod that is straight at rest, and hardly stretches until it buckles, is shortened by ``far`` times that, its end
+    at ``end``, (instance_count, 3); shape (instance_count,)."""
+    material, length = problem.rod.arrays.material[:, 0], problem.length_in_use()
+    soft, stretch = problem.rod.each(material[..., :2].min(axis=(1, 2))), problem.rod.each(material[..., 8].max(axis=1))
+    strain = np.asarray(MODES[False, False].thrust * soft * stretch / length**2)
+    short = 1 - np.linalg.norm(end - problem.rod.table.base_position.numpy(), axis=1) / length
+    stiff = (strain > 0) & (strain < (STIFF_IN_MEDIUM if problem.rod.arrays.loads else STIFF)) & (problem.holders.slide is None)
+    return np.asarray(stiff & (short > far * strain) & straight_at_rest(problem))
+
+
+def begin_bent(problem: "HeldProblem", status: NDArray[np.int32]) -> tuple[NDArray[np.bool_], FloatArray] | None:
+    """As ``BoundaryProblem.begin_again``: what is pushed far beyond where it buckles, and came to an end on the way there, from
+    where it is bent, as rods begin that do not give way."""
+    assert problem._begun is not None  # or nothing came to an end
+    some = (
+        np.isin(status, (Status.STALLED, Status.BRANCH_END))
+        & ~problem._begun[1].bent
+        & pushed_far(problem, problem.goal()[0], BEYOND)
+    )
+    if not some.any():
+        return None
+    problem.bends |= some
+    return some, problem.guess()

@@ -20,6 +20,7 @@ from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.held.along import HeldSensing, Launches, aim_at_numbers, columns_along, unknown_rates
+from multirod.models.held.buckling import begin_bent
 from multirod.models.held.capabilities import HeldLines, HeldParts, HeldReach, HeldShapes, HeldStarts
 from multirod.models.held.clamps import HeldClamps
 from multirod.models.held.costless import alike, free_in_balls, hold_bases_alone, led_on
@@ -90,6 +91,7 @@ class HeldProblem(BoundaryProblem):
         }
         self.rounding = self.rod.rounding
         self._natural: FloatArray | None = None
+        self.bends = np.zeros(self.instance_count, dtype=bool)  # which begin bent though they would give way
         self._begun: tuple[object, Begun] | None = None  # as ``guess`` found it, and at which inputs
         base, end = (np.array(np.broadcast_to(own, (*shape, 4, 4)).reshape(-1, 4, 4)) for own in (holders.base, holders.end))
         self.base_frame, self.end_position, self.end_frame = base[:, :3, :3], end[:, :3, 3], end[:, :3, :3]
@@ -232,7 +234,7 @@ class HeldProblem(BoundaryProblem):
             return False
         self._clear()
         self.rod._clear()
-        self.inputs_given, self._natural, self._begun = inputs, None, None
+        self.inputs_given, self._natural, self._begun, self.bends[:] = inputs, None, None, False
         self.write("inputs", self.pack(inputs))
         hold_bases_alone(self)
         return True
@@ -289,7 +291,7 @@ class HeldProblem(BoundaryProblem):
 
         What is left of the residual is remembered and closes as ``load_factor`` goes from 0 to 1, (3).
         """
-        at = self.read("inputs").tobytes(), self.side
+        at = self.read("inputs").tobytes(), self.side, self.bends.tobytes()
         if self._begun is None or self._begun[0] != at:
             self._natural = np.ones(self.instance_count)  # what begins it knows where the rod is at rest
             records = self.snapshot()
@@ -301,6 +303,9 @@ class HeldProblem(BoundaryProblem):
         self.table.beside.assign(begun.beside * (LED_ON if self.leads_on else BESIDE))
         self._natural = np.minimum(1.0, begun.least)
         return np.array(begun.unknowns)
+
+    def begin_again(self, status: NDArray[np.int32], reached: FloatArray) -> tuple[NDArray[np.bool_], FloatArray] | None:  # noqa: D102
+        return begin_bent(self, status)
 
     def know_rest(self) -> None:
         """Have it found where the end of the rod at rest is, where no ``guess`` has."""

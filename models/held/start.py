@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.models.backbone.kernels.loads.foundation import Foundation, RisingFoundation
-from multirod.models.held.buckling import MODES, buckled, drawn_beside, hinge_of, hinged_strips, modes_about, to_side
+from multirod.models.held.buckling import (
+    FAR,
+    MODES,
+    buckled,
+    drawn_beside,
+    hinge_of,
+    hinged_strips,
+    modes_about,
+    pushed_far,
+    to_side,
+)
 from multirod.models.held.costless import (
     AXIS,
     between_balls,
@@ -51,8 +61,6 @@ WEIGHING = 3  # integrations of each
 NOTED = 1e-11  # of EI/L: the least difference between their energies that is no rounding: integration errs alike in mirror images
 HARDLY = 1e-3  # load across a rod whose end slides, in EI/L^2, under which it is held in the plane that this tells
 TOUCH = 1e-3  # load in EI/L^2 by which it is told where forces draw a rod
-STIFF, FAR = 1e-2, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
-STIFF_IN_MEDIUM = 2e-3  # the same where another mode is the first, whose event is not told
 BUCKLING = 0.01  # the same of one between two balls under forces
 
 
@@ -67,6 +75,7 @@ class Begun:
         integrations: That it took, shape (instance_count,).
         passed: By instance, where it buckles that begins beyond.
         beside: (32) Whether it is led to an end beside the axis of its base, 0 or 1, shape (instance_count,).
+        bent: Whether a rod that is straight at rest begins bent, shape (instance_count,).
     """
 
     unknowns: FloatArray
@@ -75,6 +84,7 @@ class Begun:
     integrations: IntArray
     passed: dict[int, BranchEvent]
     beside: IntArray
+    bent: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -139,9 +149,9 @@ def begin(problem: "HeldProblem") -> Begun:
             by_place = np.where(led[:, None], 0.0, drawn_beside(problem))
             aside = np.where(led[:, None], 0.0, drawn_aside(problem)) + by_place
             start = bent_rods(problem, x, aside)
-            far = start.twofold & _pushed_far(problem, start.end) & ~stuck & ~led
+            far = start.twofold & pushed_far(problem, start.end) & ~stuck & ~led
             passed = _passed(problem, start, far & ~loaded(problem) & ~by_place.any(axis=1))
-            stuck |= far
+            stuck |= far | (problem.bends & ~led)
         if stuck.any():
             x = np.where(stuck[:, None], start.unknowns, x)
             problem.table.direct.assign((stuck & start.direct).astype(np.int32))
@@ -164,7 +174,7 @@ def begin(problem: "HeldProblem") -> Begun:
             _draw(problem, aside, beside, x)
             problem.table.beside.assign(beside.astype(np.int32) * BESIDE)
     integrations = INTEGRATIONS_AT_REST + turned + SETTLING * buckled + (2 + SETTLING + 2 * WEIGHING) * weighed
-    return Begun(x, residual, least, integrations, passed, beside.astype(np.int32))
+    return Begun(x, residual, least, integrations, passed, beside.astype(np.int32), stuck)
 
 
 def _draw(problem: "HeldProblem", aside: FloatArray, drawn: NDArray[np.bool_], unknowns: FloatArray) -> None:
@@ -336,17 +346,6 @@ def _least_singular_value(gamma: FloatArray) -> FloatArray:
     sound = np.isfinite(gamma).all(axis=(1, 2))
     least[sound] = np.linalg.svd(gamma[sound], compute_uv=False)[:, -1]
     return least
-
-
-def _pushed_far(problem: "HeldProblem", end: FloatArray) -> NDArray[np.bool_]:
-    """Whether a rod that is straight at rest, and hardly stretches until it buckles, is shortened by far more than that, its end
-    at ``end``, (instance_count, 3); shape (instance_count,)."""
-    material, length = problem.rod.arrays.material[:, 0], problem.length_in_use()
-    soft, stretch = problem.rod.each(material[..., :2].min(axis=(1, 2))), problem.rod.each(material[..., 8].max(axis=1))
-    strain = np.asarray(MODES[False, False].thrust * soft * stretch / length**2)
-    short = 1 - np.linalg.norm(end - problem.rod.table.base_position.numpy(), axis=1) / length
-    stiff = (strain > 0) & (strain < (STIFF_IN_MEDIUM if problem.rod.arrays.loads else STIFF)) & (problem.holders.slide is None)
-    return np.asarray(stiff & (short > FAR * strain) & straight_at_rest(problem))
 
 
 def bent_rods(problem: "HeldProblem", unknowns: FloatArray, aside: FloatArray) -> Start:

@@ -41,6 +41,7 @@ from multirod.models.platform.starting.released import ReleasedPlatforms
 from multirod.models.platform.starting.starts import PlatformJoints, PlatformStarts
 from multirod.problem import Block, BoundaryProblem
 from multirod.rotations import matrices
+from multirod.status import Status
 from multirod.validation import FloatArray
 
 POSE = kernels.POSE
@@ -176,6 +177,11 @@ class ParallelProblem(BoundaryProblem):
     @property
     def joints(self) -> PlatformJoints:  # noqa: D102
         return PlatformJoints(self)
+
+    def begin_again(self, status: NDArray[np.int32], reached: FloatArray) -> tuple[NDArray[np.bool_], FloatArray] | None:
+        """What is undetermined where it begins, with tips that give way: loads may bend it, which determines it."""
+        some = (status == Status.UNDETERMINED) & (reached == 0)
+        return (some, self.joints.give_way(some)) if some.any() else None
 
     @property
     def starts(self) -> PlatformStarts | None:

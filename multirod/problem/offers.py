@@ -142,6 +142,16 @@ class Offers(Buffers):
         (instance_count,)."""
         return np.zeros(self.instance_count, dtype=bool)
 
+    def begin_again(self, status: NDArray[np.int32], reached: FloatArray) -> tuple[NDArray[np.bool_], FloatArray] | None:
+        """Where the way to the full load may begin otherwise than by ``guess``, of instances that ended so, at these parts of it.
+
+        Returns:
+            Which instances, and unknowns (instance_count, n) that are an equilibrium of them at a ``load_factor`` of 0; None if
+            there are none, as by default.
+        """
+        del status, reached
+        return None
+
     def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
         """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
         of why, where that says more than ``status`` does."""

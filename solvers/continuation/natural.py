@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.capabilities import Joints, Loading
+from multirod.capabilities import Loading
 from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import Paths
@@ -50,8 +50,7 @@ def natural_branch(
     lost = outcome.status != CONVERGED
     if lost.any():
         _say_what_is_lost(problem, outcome, lost)
-        if problem.joints is not None and (outcome.status == Status.UNDETERMINED).any():
-            _give_way(problem, problem.joints, newton, max_steps, bounds, outcome)
+        _begin_again(problem, newton, max_steps, bounds, outcome)
     return outcome
 
 
@@ -73,19 +72,17 @@ def _say_what_is_lost(problem: BoundaryProblem, outcome: Outcome, lost: BoolArra
             outcome.status[at_rest & problem.is_loose()] = Status.LOOSE
 
 
-def _give_way(
-    problem: BoundaryProblem, joints: Joints, newton: Newton, max_steps: int, bounds: FloatArray, outcome: Outcome
-) -> None:
-    """Begin again what is undetermined at rest, with ends that give way until all loads act: these may bend it, which determines
-    it."""
-    some = (outcome.status == Status.UNDETERMINED) & (outcome.reached == 0)
-    unknowns = joints.give_way(some) if some.any() else None
-    if unknowns is None:
+def _begin_again(problem: BoundaryProblem, newton: Newton, max_steps: int, bounds: FloatArray, outcome: Outcome) -> None:
+    """From elsewhere, of what came nowhere."""
+    assert outcome.reached is not None  # of paths
+    found = problem.begin_again(outcome.status, outcome.reached)
+    if found is None:
         return
+    some, unknowns = found
     before = newton.allowed()
     newton.allow(np.maximum(before - outcome.integrations - 1, 0))
     again = Paths.of(problem, newton, max_steps).raise_loads(some, bounds, unloaded=unknowns)
-    again.integrations += some
+    again.integrations += some * problem.guess_integrations
     newton.allow(before)
     if (lost := some & (again.status != CONVERGED)).any():
         _say_what_is_lost(problem, again, lost)

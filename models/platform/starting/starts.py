@@ -69,7 +69,9 @@ class PlatformJoints(Joints):
         with problem.everyone(), problem.at_load(0.0):
             problem.robots.opening.assign(problem.evaluate(unknowns)[0])
 
-    def give_way(self, some: BoolArray) -> FloatArray:  # noqa: D102
+    def give_way(self, some: BoolArray) -> FloatArray:
+        """Let tips of ``some`` give way, (9b), until ``load_factor`` is 1, from the unknowns that this returns, those of
+        ``guess``."""
         arrays = self.problem.robots.opening, self.problem.robots.soft
         unknowns, before = self.problem.closing.closed().unknowns, [np.array(values.numpy()) for values in arrays]
         self.open(unknowns)
