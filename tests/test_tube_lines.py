@@ -243,3 +243,31 @@ def test_what_is_not_modelled_is_refused_by_name() -> None:
         robot.inputs(tension=1.0)
     with pytest.raises(ValueError, match="beyond, the length at rest of line 'converging' varies"):
         robot.inputs(translation=-0.05)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_tubes_that_nothing_loads_are_judged_with_lines_of_given_length(count):
+    """As under a force of next to nothing, whose problem has a moment among its unknowns: what pulls a line is no torque."""
+    lines = [mr.Tendon((0.003, 0), driven="displacement", axial_stiffness=300.0), mr.Tendon((-0.001, 0.002))]
+    sizes = ((0.3, 0.004), (0.24, 0.01), (0.18, 0.03))[:count]
+    tubes = [
+        mr.Rod(
+            length=length,
+            bending_stiffness=EI,
+            torsional_stiffness=0.77 * EI,
+            precurvature=[(length - 0.1, (0, 0, 0)), (0.1, (0, 9, 0))],
+            lines=lines if (length, EI) in sizes[-1:] else [],
+        )
+        for length, EI in sizes
+    ]
+    robot = mr.ConcentricTubes(tubes)
+    given = {"rotation": (0.0, 1.0, 2.0)[:count], "translation": (-0.05, -0.03, -0.02)[:count], "tension": 1.0}
+    inputs = robot.inputs(**given, displacement=[-1e-3, 1e-3, 4e-3])
+    free = mr.solve(robot, inputs, solver=PRECISE).raise_if_failed()
+    assert free.slack[:, 0].tolist() == [True, False, False]
+    loaded = mr.solve(robot, robot.inputs(**given, displacement=[-1e-3, 1e-3, 4e-3], tip_force=(1e-9, 0, 0)), guess=free)
+    assert (free.stability == mr.Stability.STABLE).all()
+    # 1e-9 N bend the tubes by some 1e-9 of their length
+    np.testing.assert_allclose(free.stability_margin, loaded.stability_margin, rtol=1e-7)
+    np.testing.assert_allclose(free.rod(0).moment, loaded.rod(0).moment, rtol=0, atol=1e-8)
+    assert (loaded.integrations <= 2).all()  # the unknowns of the one are those of the other

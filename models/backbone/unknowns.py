@@ -82,13 +82,14 @@ def adopted(problem: "BackboneProblem", unknowns: FloatArray) -> FloatArray:
     return np.asarray(problem.slots.joined(parts))
 
 
-def with_moment(problem: "BackboneProblem", torques: FloatArray) -> FloatArray:
+def with_moment(problem: "BackboneProblem", unknowns: FloatArray) -> FloatArray:
     """Unknowns of rods that carry a moment, from those of unloaded ones: none, and rod 1 has what the others leave, (8b)."""
     if problem.features.eccentric:
-        return np.concatenate([np.zeros((len(torques), 3)), torques], axis=1)
+        return np.concatenate([np.zeros((len(unknowns), 3)), unknowns], axis=1)
     unit = unit_stiffness(problem.arrays.material[:, :, 0])[..., 2]
+    torques = unknowns[:, unknowns_of(problem.features, moment=False, force=False).places["torques"]]  # what drives lines is none
     inner = -(torques * unit[:, 1:]).sum(axis=1, keepdims=True) / unit[:, :1]
-    return np.concatenate([np.zeros((len(torques), 2)), inner, torques], axis=1)
+    return np.concatenate([np.zeros((len(unknowns), 2)), inner, unknowns], axis=1)
 
 
 def _dead_base_force(problem: "BackboneProblem", unknowns: FloatArray) -> FloatArray:

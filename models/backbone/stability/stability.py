@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.backbone.kernels.layout.layout import residuals_of, unknowns_of
 from multirod.models.backbone.segments.segments import LOOKED_AT, WAVES
 from multirod.models.backbone.stability.condensing.by_nodes import condensed_form
 from multirod.models.backbone.stability.condensing.forms import HeldTip, form_of
@@ -23,6 +24,7 @@ from multirod.models.backbone.stability.condensing.tensions import with_conditio
 from multirod.models.backbone.stability.in_pieces import form_in_pieces
 from multirod.models.backbone.stability.mode_bounds import ModeBounds, may_be_bounded
 from multirod.models.backbone.stability.sure import SureStability, may_be_sure
+from multirod.models.backbone.terms import judging
 from multirod.profile import DEGREE
 from multirod.rod import DENSITY
 from multirod.segments import Breakpoints
@@ -290,9 +292,11 @@ class BackboneStability(StabilityAnalysis):
 
     def _tensions_eliminated(self, form: CondensedForm, call: "NodePass", chosen: NDArray[np.bool_]) -> CondensedForm:
         """(18)"""
-        problem, drives, others = self.problem, self.problem.slots.places["drives"], self._other_columns()
+        problem, others = self.problem, self._other_columns()
+        slots = unknowns_of(judging(problem.features))  # of the pass: of unloaded tubes it carries a moment, the problem none
+        drives = slots.places["drives"]
         tensions = np.arange(drives.start, drives.stop)
-        lacking = call.read("gamma")[chosen][:, problem.rows.places["conditions"]]
+        lacking = call.read("gamma")[chosen][:, residuals_of(slots).places["conditions"]]
         by_others, by_tensions = (self._node_columns(call, chosen, columns) for columns in (others, tensions))
         taut = problem.lines.taut()[chosen]
         return with_conditions(form, by_others, by_tensions, -lacking[:, :, others], -lacking[:, :, tensions], taut)
