@@ -271,3 +271,30 @@ def test_tubes_that_nothing_loads_are_judged_with_lines_of_given_length(count):
     np.testing.assert_allclose(free.stability_margin, loaded.stability_margin, rtol=1e-7)
     np.testing.assert_allclose(free.rod(0).moment, loaded.rod(0).moment, rtol=0, atol=1e-8)
     assert (loaded.integrations <= 2).all()  # the unknowns of the one are those of the other
+
+
+@pytest.mark.parametrize("short", [0, 1])
+def test_tubes_with_lines_of_given_length_lose_stability_where_gamma_is_singular(short):
+    """Where one of the tubes ends before the tip, too, and the line hardly stretches: by tests that have nothing in common."""
+    line = mr.Tendon((0.002, 0), driven="displacement", axial_stiffness=3e4)
+    tubes = [
+        mr.Rod(
+            length=0.25 if short == k else 0.3,
+            bending_stiffness=EI,
+            torsional_stiffness=0.77 * EI,
+            precurvature=(0, bent, 0),
+            lines=[line] * k,
+        )
+        for k, (EI, bent) in enumerate(((0.01, 8.0), (0.02, 7.0)))
+    ]
+    robot = mr.ConcentricTubes(tubes)
+    still = {"translation": (-0.02, 0.0), "displacement": 1e-3}
+    start = robot.inputs(rotation=(0.0, 0.0), **still)
+    (load,) = mr.critical_loads(robot, robot.inputs(rotation=(6.0, 0.0), **still), start=start)
+    begin = mr.solve(robot, start)
+    assert load.fold
+    assert not load.solution.slack.any()
+    assert 0 < load.load_factor < 1
+    # of the square root of what is left to the fold, which is found to some 1e-9
+    assert abs(load.solution.determinant) < 1e-3 * begin.determinant
+    assert abs(load.solution.stability_margin) < 1e-3 * begin.stability_margin

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.models.backbone.kernels.tips import as_far, longest
 from multirod.models.backbone.stability.condensing.inverses import row_condition
 from multirod.models.backbone.stability.condensing.second_variation import STIFF, WORST_CONDITION, CondensedForm, NodeColumns
 from multirod.validation import FloatArray
@@ -33,13 +34,15 @@ def with_conditions(
     """
     last = -1 - (~np.isnan(columns.arclength))[:, ::-1].argmax(axis=1)
     every, c = np.arange(len(last)), columns.configuration.shape[-1]
+    ended = _ended(columns.ends)
 
     def at_tip(of: NodeColumns) -> tuple[FloatArray, FloatArray]:
-        """What is given there, and what follows from it."""
+        """What is given there, and what follows from it: of rods that ended before, that no torque is at their ends, (6)."""
+        given = np.where(ended[:, :, None], of.tip_momenta, of.configuration[every, last])
+        follows = np.where(ended[:, :, None], 0.0, of.tip_momenta)
         if of.tip_force is None or of.tip_position is None:
-            return of.configuration[every, last], of.tip_momenta
-        given = np.concatenate([of.configuration[every, last], of.tip_force], axis=1)
-        return given, np.concatenate([of.tip_momenta, -of.tip_position], axis=1)
+            return given, follows
+        return np.concatenate([given, of.tip_force], axis=1), np.concatenate([follows, -of.tip_position], axis=1)
 
     (given, follows), (by_given, by_follows) = at_tip(columns), at_tip(tensions)
     known = form.known & np.isfinite(own_gaps).all(axis=(1, 2))
@@ -49,9 +52,17 @@ def with_conditions(
     given = np.where(known[:, None, None], given, np.eye(c))
     at_given = np.linalg.solve(given, np.concatenate([np.broadcast_to(np.eye(c), given.shape), -by_given], axis=2))
     couple, lengths = follows @ at_given[:, :, c:] + by_follows, gaps @ at_given
+    lengths[:, :, : ended.shape[1]] *= ~ended[:, None]
     size = np.abs(own_gaps).max(axis=(1, 2), initial=1.0)
     form = replace(form, known=known)
     return without_tensions(form, couple, lengths[:, :, :c], lengths[:, :, c:] + own_gaps, size, taut)
+
+
+def _ended(ends: FloatArray) -> NDArray[np.bool_]:
+    """Which angles are of rods that end before the tip, of all that the configuration has there, from ``ends`` (batch, n)."""
+    others = np.arange(ends.shape[1]) != longest(ends)[:, None]
+    short = ~as_far(ends, ends.max(axis=1, keepdims=True))
+    return np.pad(short[others].reshape(len(ends), -1), ((0, 0), (3, 0)))
 
 
 def without_tensions(
