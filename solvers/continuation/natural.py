@@ -17,6 +17,8 @@ TOGETHER = 4096  # instances whose columns at all nodes are held at once
 FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 UNLOADED = 1e-9  # of ``EI/L^2``: loads that are none, and gaps that are closed
 AT_END = 1e-5  # of the way, that is left where ends of rods hardly give way
+NEARLY = 1e-4  # of the way, of which the rest may be in one
+AT_ONCE, HARDLY = 6, 1e-2  # integrations for that rest, and of the unknowns by which it may move
 CONVERGED = int(Status.CONVERGED)  # NumPy compares with a number at once, and takes its time with a member of ``Status``
 
 
@@ -50,6 +52,7 @@ def natural_branch(
     lost = outcome.status != CONVERGED
     if lost.any():
         _say_what_is_lost(problem, outcome, lost)
+        _end_at_once(problem, newton, outcome)
         _begin_again(problem, newton, max_steps, bounds, outcome)
     return outcome
 
@@ -72,6 +75,30 @@ def _say_what_is_lost(problem: BoundaryProblem, outcome: Outcome, lost: BoolArra
             outcome.status[at_rest & problem.is_loose()] = Status.LOOSE
 
 
+def _end_at_once(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
+    """What is put together but for next to nothing, which is too little for the tests of steps: the rest of its way in one, by
+    which it moves by next to nothing."""
+    if problem.joints is None or outcome.reached is None:
+        return
+    some = np.isin(outcome.status, (Status.STALLED, Status.BRANCH_END)) & (outcome.reached > 1 - NEARLY)
+    if not some.any():
+        return
+    shape = problem.instance_count, problem.unknown_count, problem.unknown_count
+    before, sign = problem.read("unknowns"), np.linalg.slogdet(np.nan_to_num(problem.read("gamma").reshape(shape)))[0]
+    allowed = newton.allowed()
+    newton.allow(np.clip(allowed - outcome.integrations, 0, AT_ONCE))
+    newton.run(some)
+    newton.allow(allowed)
+    found, x = newton.outcome(), problem.read("unknowns")
+    size = np.linalg.norm(x - before, axis=1)
+    there = some & (found.status == CONVERGED) & (size <= HARDLY * np.linalg.norm(x, axis=1))
+    there &= np.linalg.slogdet(np.nan_to_num(problem.read("gamma").reshape(shape)))[0] == sign
+    problem.write("unknowns", np.where(there[:, None], x, before))
+    outcome.iterations += some * found.iterations
+    outcome.integrations += some * found.integrations
+    outcome.status[there], outcome.reached[there] = CONVERGED, 1.0
+
+
 def _begin_again(problem: BoundaryProblem, newton: Newton, max_steps: int, bounds: FloatArray, outcome: Outcome) -> None:
     """From elsewhere, of what came nowhere."""
     assert outcome.reached is not None  # of paths
@@ -86,6 +113,7 @@ def _begin_again(problem: BoundaryProblem, newton: Newton, max_steps: int, bound
     newton.allow(before)
     if (lost := some & (again.status != CONVERGED)).any():
         _say_what_is_lost(problem, again, lost)
+        _end_at_once(problem, newton, again)
     outcome.end_with(again, some)
 
 
