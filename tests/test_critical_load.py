@@ -416,3 +416,20 @@ def test_what_is_refused(wire):
     buckled = column()
     with pytest.raises(mr.SolveError, match="at the start"):
         mr.critical_loads(buckled, buckled.inputs(tip_force=(0, 0, -4)), start=buckled.inputs(tip_force=(0, 0, -3)))
+
+
+def test_a_line_that_becomes_slack_is_said_where_the_branch_has_a_kink():
+    """It goes on beyond, stable, as a solve there finds: a search may begin there."""
+    lines = [mr.Tendon(offset, driven="displacement", axial_stiffness=3e3) for offset in ((0.006, 0), (-0.003, 0.005))]
+    rod = mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(0.3, 0.1, 0), lines=lines)
+    robot, pull = mr.SingleRod(rod), np.array([0.02, 0.01, -1.0])
+
+    def pushed(factor):
+        return robot.inputs(displacement=(0.001, 0.0005), tip_force=factor * pull)
+
+    with pytest.raises(mr.SolveError, match=r"beyond a load factor of 0\.526.* a line becomes slack or taut, .* begin beyond it"):
+        mr.critical_loads(robot, pushed(1.0), start=pushed(0.0))
+    beyond = mr.solve(robot, pushed(0.55))
+    assert beyond.slack.tolist() == [True, False]
+    assert beyond.stability is mr.Stability.STABLE
+    assert len(mr.critical_loads(robot, pushed(1.0), start=pushed(0.55), up_to=0.5)) == 0

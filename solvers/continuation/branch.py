@@ -20,6 +20,7 @@ BRANCHES = 32  # followed from one start
 BRANCH_STEPS = 80
 ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
 ROUNDED = 2e-16  # of unknowns and load factor: their last digit
+AT_KINK = 1e-3  # of the inverse length, that an unknown may be from a kink where steps became that short
 AHEAD = 1e-5  # along the branch, by which slopes of eigenvalues are told
 
 
@@ -168,6 +169,10 @@ class Branch:
         _, matrix = self._evaluate(point.place)
         noise = ROUNDED * float(np.linalg.norm(matrix) * np.abs(point.place).max())
         if noise <= self.tolerance:
+            equations = self.equations
+            kinks = equations.unknowns((point.place * self.scale)[:-1])[equations.problem.kinks] * self.length
+            if (np.abs(kinks) < AT_KINK).any():
+                return "a line becomes slack or taut, and the branch goes on with a kink: begin beyond it, start="
             return "Newton's method fails: the branch ends"
         return f"rounding hides the branch: the last digit of unknowns and loads moves the residual by {noise:.0e} 1/m"
 
