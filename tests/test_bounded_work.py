@@ -201,8 +201,29 @@ def test_a_descent_is_given_up_whose_steps_lead_nowhere(part: float, most: int) 
             return Halved(part)
 
     start = SimpleNamespace(unknowns=np.zeros(1), level=1.0, size=1.0)
-    assert list(Down()._descend_clamped(start, Halved(part), np.zeros(1)))[-1] is None
+    assert list(Down()._descend_in_steps(start, Halved(part), np.zeros(1)))[-1] is None
     assert len(taken) == most
+
+
+@pytest.mark.parametrize(("start", "there"), [(1.0, True), (20.0, True), (np.nan, False)])
+def test_other_equations_lead_to_their_own_by_parts_of_steps(start: float, there: bool) -> None:
+    """(22) of docs/branches.md: Newton's whole steps on an arc tangent lead ever farther off from 1.4 on, from 20 by 600."""
+    from multirod.solvers.following.many import LED, led_to
+
+    looks = []
+
+    def at(x, level):
+        looks.append(x)
+        residual, gamma = np.arctan(2 * x), np.diag(2 / (1 + 4 * x**2))
+        return SimpleNamespace(unknowns=x, residual=residual, gamma=gamma, size=float(np.abs(residual).max()))
+        yield  # as what asks for integrations does
+
+    with pytest.raises(StopIteration) as end:
+        next(led_to(at, np.array([start]), 1e-9))
+    assert (end.value.value is not None) == there
+    assert len(looks) <= LED + 1
+    if there:
+        assert abs(end.value.value.unknowns[0]) < 1e-9
 
 
 def test_a_branch_is_given_up_whose_pace_would_not_do() -> None:

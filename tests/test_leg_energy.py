@@ -193,3 +193,18 @@ def test_a_triangulated_platform_on_strips_snaps_to_a_minimum():
     assert energy.settle() < 1e-6  # Newton's method: far below what segments err by
     np.testing.assert_allclose(energy.position, place, rtol=0, atol=0.02)  # of segments: some (1/12)^2
     assert energy.lowest() > 0
+
+
+@pytest.mark.parametrize(("seed", "number"), [(2024, 204), (31, 324)])
+def test_legs_that_are_pushed_together_close_past_their_folds(seed, number):
+    """They were ``INTEGRATION_LIMIT``: a step of a thousandth beyond a fold led far off, the way down from nearer bends within a
+    hundredth of a radian, and rods that are pulled hard have no end near theirs by other steps."""
+    drawn = draw(number, seed, 12, 5.0)
+    found = mr.solve(drawn.robot, drawn.inputs)
+    assert found.status is mr.Status.SNAPPED
+    assert found.integrations < 12_000
+    energy = on_segments(drawn, found, 24)
+    before = energy.position
+    assert energy.settle() < 1e-5
+    np.testing.assert_allclose(energy.position, before, rtol=0, atol=0.02)  # of segments
+    assert energy.lowest() > 0

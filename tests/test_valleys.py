@@ -10,7 +10,7 @@ from scipy.special import ellipk
 
 import multirod as mr
 from multirod.solvers.following.descent import Points
-from multirod.solvers.following.valley import FIRST, LONGEST, by_residuals, by_turns, down_valley
+from multirod.solvers.following.valley import FIRST, LONGEST, LOOKS, along_floor, by_residuals, by_turns, down_valley
 
 EI, LENGTH = 0.02, 0.2
 EULER = 4 * np.pi**2 * EI / LENGTH**2
@@ -19,17 +19,17 @@ ACROSS, BESIDE = np.array([0.6, -0.8, 0.0]), np.array([0.8, 0.6, 0.0])
 
 
 class Moat:
-    """A valley around a circle of radius 2, ``(r - 2)^2/2 - slope r cos(angle - 1)``: its lowest place is known."""
+    """A valley around a circle of radius 2, ``walls (r - 2)^2/2 - slope r cos(angle - 1)``: its lowest place is known."""
 
-    def __init__(self, slope):
-        self.slope, self.looks = slope, 0
+    def __init__(self, slope, walls=1.0):
+        self.slope, self.walls, self.looks = slope, walls, 0
 
     def at(self, x, level):
         self.looks += 1
         r = np.linalg.norm(x)
         out = x / r
-        gradient = (r - 2) * out - self.slope * np.array([np.cos(1), np.sin(1)])
-        second = np.outer(out, out) + (r - 2) / r * (np.eye(2) - np.outer(out, out))
+        gradient = self.walls * (r - 2) * out - self.slope * np.array([np.cos(1), np.sin(1)])
+        second = self.walls * (np.outer(out, out) + (r - 2) / r * (np.eye(2) - np.outer(out, out)))
         none, both = np.zeros(3), np.arange(2)
         said = x, level, gradient, second
         more = np.ones(2), np.eye(2), none[None, :, None], none, np.eye(3)[None], 1.0
@@ -60,6 +60,39 @@ def test_the_lowest_place_of_a_valley_is_found_around_its_bend(slope, way, angle
     np.testing.assert_allclose(point.unknowns, (2 + slope) * np.array([np.cos(1), np.sin(1)]), atol=4e-6)
     assert point.slope.values[0] > 0
     assert moat.looks < 60
+
+
+@pytest.mark.parametrize("walls", [10.0, 1e4])
+@pytest.mark.parametrize("kick", [0.0, 0.02])
+def test_steps_on_a_floor_bend_with_it_however_stiff_its_walls_are(walls, kick):
+    """(21) of docs/branches.md. Steps as short as (9) has them are of some hundredth here, or less."""
+    moat = Moat(0.5, walls)
+    with pytest.raises(StopIteration) as begun:
+        next(moat.at(2 * np.array([np.cos(1 + np.pi), np.sin(1 + np.pi)]) + (0.01, 0.0), 1.0))
+    start = begun.value.value
+    first = kick * np.array([-np.sin(1 + np.pi), np.cos(1 + np.pi)])
+    with pytest.raises(StopIteration) as end:
+        next(along_floor(moat.at, start, start.slope, first, 1e-9))
+    np.testing.assert_allclose(end.value.value.unknowns, (2 + 0.5 / walls) * np.array([np.cos(1), np.sin(1)]), atol=1e-8)
+    assert moat.looks < 45
+
+
+def test_steps_on_a_floor_that_leads_nowhere_come_to_an_end():
+    """Down a slope without an end."""
+    looks = []
+
+    def at(x, level):
+        looks.append(x)
+        point = yield from Moat(0.0, 1e4).at(np.array([2.0, 0.0]), level)
+        return replace(point.among, unknowns=x[None], residual=np.array([[0.0, 0.3]]))[0]
+
+    with pytest.raises(StopIteration) as begun:
+        next(at(np.array([2.0, 0.0]), 1.0))
+    start = begun.value.value
+    with pytest.raises(StopIteration) as end:
+        next(along_floor(at, start, start.slope, np.zeros(2), 1e-9))
+    assert end.value.value is None
+    assert len(looks) == LOOKS + 1
 
 
 def test_a_valley_without_a_lowest_place_has_none():

@@ -14,6 +14,7 @@ from multirod.validation import FloatArray
 
 SOFT = 1e-6  # of K/L: a mode no stiffer than this is neutral
 RADIUS = 0.1  # largest turn in a mode by one step [rad]
+VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
 NUDGE = 1e-3  # of the radius, along a mode that is unstable where no step is longer
 BENT = 1e-6  # turn of what costs nothing, below which the rod is straight [rad]
 KEPT = 1e-9  # largest condition, in the Frobenius norm, inverted, of a Y that is not singular, its rows as large as each other
@@ -270,6 +271,11 @@ class Slopes:
         """The turn in a mode that the slope asks for, of soft modes as if they were stiff [rad], shape (k,)."""
         return np.asarray((np.abs(self.along) / np.maximum(np.abs(self.values), 1)).max(axis=1))
 
+    @cached_property
+    def unsettled(self) -> FloatArray:
+        """The turn in a mode that is stiff by which it would come to rest [rad], shape (k,)."""
+        return np.asarray(np.where(self.values > VANISHING, np.abs(self.along / self.values), 0.0).max(axis=1))
+
     def steps(self, rows: IntArray, radius: FloatArray) -> FloatArray:
         """(4) Change of the unknowns [1/m] that turns it so, at some points, (k,), by radii (k,); shape (k, n)."""
         turn = (self.modes[rows] @ downhill(self.along[rows], self.values[rows], radius)[..., None])[..., 0]
@@ -292,6 +298,7 @@ class Slope(Row):
     lowest: float
     neutral: int
     drive: float
+    unsettled: float
 
     @property
     def clamps(self) -> int:
@@ -333,3 +340,9 @@ def downhill(along: FloatArray, values: FloatArray, radius: FloatArray) -> Float
 def norms(vectors: FloatArray) -> FloatArray:
     """Of each of many (k, n), as ``np.linalg.norm`` of each alone."""
     return np.asarray(np.sqrt((vectors[:, None, :] @ vectors[:, :, None])[:, 0, 0]))
+
+
+def turn_between(before: FloatArray, after: FloatArray) -> float:
+    """The largest angle between frames of the same places, (place, 3, 3), before and after [rad]."""
+    traces = np.einsum("kij,kij->k", before, after)
+    return float(np.arccos(np.clip(0.5 * (traces - 1), -1, 1)).max())

@@ -45,6 +45,7 @@ def follow(
     side: int,
     before: FloatArray | None = None,
     slack: NDArray[np.bool_] | None = None,
+    thorough: bool = False,
 ) -> dict[int, Journey]:
     """Let the ``chosen`` instances go on from where their branches ended, or down from what is unstable at the end of its way;
     what comes to that end is put into the problem's buffers and the outcome.
@@ -61,6 +62,7 @@ def follow(
         side: 1, or -1 for the other one at each bifurcation.
         before: Inputs where the way begins, shape (instance_count, input_count); without them it is the loads that are raised.
         slack: Which are at the end of the way, but in a valley and not at rest, shape (instance_count,).
+        thorough: As ``Walk`` has it.
 
     Returns:
         By instance, those that rounding keeps from going on.
@@ -83,11 +85,9 @@ def follow(
         # where branches end, the error of the integration moves what it finds the most
         part, steps = parts.followed(own, times), times * parts.steps_followed(own)
         start = None if before is None else before[own]
-        safe, most = np.ones(len(own)), np.ones(len(own))
-        if start is None:
-            safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300)
-        else:
-            most = TURN / np.maximum(part.turning(start), 1e-300)
+        none = np.ones(len(own))
+        safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300) if start is None else none
+        most = none if start is None else TURN / np.maximum(part.turning(start), 1e-300)
         clampings = int(parts.may_be_clamped) if before is None else parts.clampings
         clamped = [partial(lambda way, some: parts.clamped(own[some], PIECES, times, way), k) for k in range(clampings)]
         together = _Together(part, start, clamped, (unknowns[own], reached[own]))
@@ -111,6 +111,7 @@ def follow(
                 steps,
                 len(clamped),
                 slack=bool(slack[place]),
+                thorough=thorough,
             )
             for k, place in enumerate(own)
         ]

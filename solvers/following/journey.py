@@ -11,14 +11,15 @@ import numpy as np
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.rotations import leading_axis
-from multirod.solvers.following.descent import SOFT, Point, Slope, Unfit
+from multirod.solvers.following.descent import SOFT, Point, Slope, Unfit, turn_between
 from multirod.solvers.following.many import alike
 from multirod.solvers.following.requests import Run, Settle
-from multirod.solvers.following.walk import DECIDED, MERGED, Walk, held, turn_between
+from multirod.solvers.following.walk import BESIDE, DECIDED, MERGED, Walk, held
 from multirod.status import Status
 from multirod.validation import FloatArray
 
 LEFT = 0.05  # of the rest of the way, where that leads nowhere: what is put together stiffens as its inverse
+SHORTER, SHORTENED = 3, 0.1  # so often, and by so much, where that leads far off: a critical point is known to 1e-7
 FAR_BEYOND = 1e-2  # as OVERSHOOT, of damped dynamics, which leave what is hardly unstable slowly
 SETTLING = 400  # integrations in which they are to rest
 AT_END = 6e-8  # of K/L: at the end of the way a mode as unstable decides
@@ -35,7 +36,6 @@ TELLS = 0.1  # of the longest way of any place, that the tip's must be to count
 STILL = 1e-3  # of how a rod moves: a tip that moves as little is held
 FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
 APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
-AS_A_ROOT = 0.1  # of half the distance, that an equilibrium may be from half-way to count as one on a branch that bifurcates
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
 RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 MOST_EVENTS = 16
@@ -235,22 +235,44 @@ class Journey(Walk):
         None where that cannot be told."""
         landed, self.hardly = None, 0
         if self.by_tip:
-            with suppress(Unfit):
-                landed = yield from self._leave_by(critical)
+            landed = yield from self._leave_or_stay(critical, self._overshoot(critical))
         for clamping in range(self.clampings):
             if landed is None and (clamped := (yield from self._clamped(critical, clamping))) is not None:
-                with suppress(Unfit):
-                    landed = yield from self._leave_by(clamped)
-                    if landed is None and (step := LEFT * (1 - critical.level)) < self._overshoot(critical):
-                        landed = yield from self._leave_by(clamped, step)
+                landed = yield from self._leave_clamped(clamped)
         return landed
 
-    def _leave_by(self, critical: Point, step: float | None = None) -> Run:
-        """The same by the displacements that a point tells of, first a ``step`` beyond it."""
-        beyond = yield from self._pass(critical, self._overshoot(critical) if step is None else step)
+    def _leave_clamped(self, critical: Point) -> Run:
+        """The same by clamps; where a step beyond leads far off, as what closes is stiff, from nearer and nearer."""
+        step, left = self._overshoot(critical), LEFT * (1 - critical.level)
+        landed = yield from self._leave_or_stay(critical, step)
+        if landed is None and left < step:
+            step = left
+            landed = yield from self._leave_or_stay(critical, step)
+        for _ in range(SHORTER):
+            if landed is not None or self.beside or not self.thorough:
+                break
+            step *= SHORTENED
+            landed = yield from self._leave_or_stay(critical, step, beside=True)
+        return landed
+
+    def _leave_or_stay(self, critical: Point, step: float, *, beside: bool = False) -> Run:
+        """``_leave_by``; None where displacements do not tell."""
+        self.beside = False
+        with suppress(Unfit):
+            return (yield from self._leave_by(critical, step, beside))
+        return None
+
+    def _leave_by(self, critical: Point, step: float, beside: bool) -> Run:
+        """The same by the displacements that a point tells of, first a ``step`` beyond it; not from where what does not vanish
+        is far from rest, if it is to be ``beside`` it."""
+        beyond = yield from self._pass(critical, step)
         if beyond is None:
+            self.beside = True
             return None
         slope = beyond.slope
+        self.beside = slope.unsettled <= BESIDE
+        if beside and not self.beside:
+            return None
         first, fold = self._way_out(slope, beyond, critical)
         slight = first.any() and beyond.level == 1 and slope.lowest > -SLIGHT
         self.left, self.within = (critical if slight else None), self.tolerance
@@ -369,20 +391,6 @@ class Journey(Walk):
             return 1.0
         size = [float(np.linalg.norm(point.unknowns - critical.unknowns)) for point in (other, landed)]
         return size[0] / max(size[1], 1e-300)
-
-    def _halfway(self, critical: Point, level: float, landed: Point, neutral: int) -> Run:
-        """The stable equilibrium at a quarter of the way if it is where a branch that leaves as the root of the load has it; None
-        where it is not, and by the turns of clamps, which do not tell that it is stable."""
-        reached = landed.slope
-        if reached.clamps or self.slight:
-            return None
-        expected = 0.5 * (critical.unknowns + landed.unknowns)
-        found, _ = yield from self._correct(expected, level, neutral)
-        slope = None if found is None else self._slope_or_none(found)
-        if slope is None or slope.facing != reached.facing or slope.values[0] < -SOFT:
-            return None
-        near = np.linalg.norm(found.unknowns - expected) <= AS_A_ROOT * np.linalg.norm(expected - critical.unknowns)
-        return found if near else None
 
 
 def _nearly_neutral(point: Point) -> int:

@@ -3,7 +3,7 @@
 Every instance takes the steps that it would take alone. Numbers in parentheses are those of ``docs/branches.md``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol
 
@@ -14,7 +14,7 @@ from multirod.batch import IntArray
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
 from multirod.solvers.continuation.pace import PACED, creeps
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Points, norms
-from multirod.solvers.following.requests import Answer, Correct, Descend, Trace
+from multirod.solvers.following.requests import Answer, Correct, Descend, Run, Trace
 from multirod.solvers.following.valley import FLOOR
 from multirod.validation import FloatArray
 
@@ -22,6 +22,7 @@ BoolArray = NDArray[np.bool_]
 
 NEWTON_STEPS = 8
 SLOW_STEPS = 16  # of what may contract slowly
+LED = 60  # the same, and parts of these, by which other equations lead to their own
 BALANCED = 1e-3  # of the tolerance: what needs no step
 GROWTH = 0.5  # of the way, that the next step may be
 FASTER = 3.0
@@ -138,6 +139,24 @@ def _correct(
         on[now[~able]] = False
         unknowns[now[able]] += move[able]
     return result
+
+
+def led_to(at: Callable[[FloatArray, float], Run], unknowns: FloatArray, tolerance: float) -> Run:
+    """(22) The equilibrium at the end of the way near unknowns (n,) of other equations, by parts of Newton's steps; None where
+    these lead to none."""
+    point, share = (yield from at(unknowns, 1.0)), 1.0
+    for _ in range(LED):
+        move, left = _least_steps(point.residual[None], point.gamma[None], np.zeros(1, dtype=int)), np.inf
+        trial = yield from at(point.unknowns + share * move[0], 1.0)
+        if np.isfinite(trial.residual).all():
+            left = norms(_least_steps(trial.residual[None], point.gamma[None], np.zeros(1, dtype=int)))[0]
+        if not left <= (1 - 0.5 * share) * norms(move)[0]:
+            share *= 0.5
+            continue
+        point, share = trial, min(1.0, 2 * share)
+        if point.size <= tolerance:
+            return point
+    return None
 
 
 def _least_steps(residual: FloatArray, gamma: FloatArray, neutral: IntArray) -> FloatArray:

@@ -35,6 +35,7 @@ def go_on(
     before: FloatArray | None = None,
     left: IntArray | None = None,
     slack: BoolArray | None = None,
+    thorough: bool = False,
 ) -> None:
     """Let the instances ``lost`` go on from where their branches ended; what is not followed stays as it is.
 
@@ -49,6 +50,7 @@ def go_on(
         before: Inputs where the way begins, shape (instance_count, input_count); without them it is the loads that are raised.
         left: Integrations that each may take, shape (instance_count,); by default what ``options`` leave.
         slack: Which are at the end of the way, but in a valley and not at rest, shape (instance_count,); none by default.
+        thorough: Whether more is tried where nothing is come to, as nothing else is likely to lead on.
     """
     if options.at_fold == "stop" or not lost.any():
         return
@@ -65,6 +67,7 @@ def go_on(
         side=options.sign,
         before=before,
         slack=slack,
+        thorough=thorough,
     )
     if options.fallback and before is None:
         ends = {k: (own.lost.unknowns, own.lost.level, own.steps) for k, own in noisy.items() if own.lost is not None}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multirod.solvers.following.descent import Point, Slope, Unfit
+from multirod.solvers.following.descent import SOFT, Point, Slope, Unfit
 from multirod.solvers.following.requests import Run
 from multirod.validation import FloatArray
 
@@ -23,6 +23,14 @@ SHORTEST = 1e-4  # of the first step
 STEPS = 30
 STEEPER = 4.0  # than where it began: that is no valley
 CORRECTIONS = 5  # by which a step comes to the floor
+LOOKS = 600  # along one
+AT_FIRST, LEAST, MOST = 0.1, 0.005, 0.5  # radii of steps: the first, the least after one that led on, the largest [rad]
+TOO_SHORT = 1e-4  # of a step [rad]
+RESTING = 0.01  # turn by which a mode is from rest, if it is one of the floor [rad]
+ON_IT = 1e-3  # the same after a step, and a tenth of that [rad]
+SLOWLY = 0.8  # of the last correction, that the next may be
+ASTRAY = 0.1, 2.0  # turn across it, and part of the step beside, beyond which a step has missed it [rad]
+LONGER = (2.0, 1.4, 1.0, 0.5)  # the next step by how many looks one took
 
 Floor = Callable[[FloatArray], Run]
 
@@ -114,6 +122,68 @@ def by_turns(at: Callable[[FloatArray, float], Run], level: float, facing: float
         return None
 
     return floor
+
+
+def along_floor(at: Callable[[FloatArray, float], Run], start: Point, slope: Slope, first: FloatArray, tolerance: float) -> Run:
+    """(21) The point at rest to which steps lead on the floor of a valley that bends much; None where they lead nowhere.
+
+    Args:
+        at: Looks at unknowns and a level.
+        start: Beside the floor.
+        slope: There.
+        first: How places are turned at first, shape (m,); all zero where the slope tells.
+        tolerance: Largest residual [1/m].
+    """
+    point, kick, radius, looks = start, first, AT_FIRST, 0
+    before: tuple[FloatArray, float] | None = None  # the last step: its tangent and length
+    while looks < LOOKS and radius >= TOO_SHORT:
+        soft = (slope.values <= WALLS) | (np.abs(slope.along) > RESTING * np.abs(slope.values))
+        soft[0] = True
+        own, across = slope.modes[:, soft], slope.modes[:, ~soft]
+        turn = own @ (own.T @ kick if kick.any() else slope.turn(radius)[soft])
+        length = float(np.abs(own.T @ turn).max())
+        _, back = _onto(slope, across, np.zeros_like(turn))
+        far, move = _onto(slope, across, turn)
+        tangent, bend = (move - back) / length, np.zeros_like(move)
+        if before is not None and before[0] @ tangent > 0:
+            bend = 0.5 * length**2 * (tangent - before[0]) / before[1]
+        unknowns, found, size, tries = point.unknowns + move + bend, None, np.inf, 0
+        missed = far > ASTRAY[0] + ASTRAY[1] * length
+        while found is None and not missed and looks < LOOKS:
+            looks, tries = looks + 1, tries + 1
+            trial = yield from at(unknowns, start.level)
+            try:
+                there = trial.slope
+            except Unfit:
+                break
+            if there.facing != slope.facing:
+                break
+            last = size
+            size, back = _onto(there, across, np.zeros_like(turn))
+            if size <= min(ON_THE_FLOOR * length, ON_IT) or trial.size <= tolerance:
+                found = trial
+            missed = (tries > 1 and size > SLOWLY * last) or size > ASTRAY[0] + ASTRAY[1] * length or tries >= CORRECTIONS
+            unknowns = trial.unknowns + back
+        if found is None:
+            radius, kick = 0.5 * length, 0.5 * kick
+            continue
+        before = None if kick.any() else (tangent, length)
+        point, slope, kick = found, found.slope, np.zeros_like(kick)
+        if point.size <= tolerance and slope.values[0] >= -SOFT:
+            return point
+        radius = min(MOST, max(length, LEAST) * LONGER[min(tries, len(LONGER)) - 1])
+    return None
+
+
+def _onto(slope: Slope, across: FloatArray, turn: FloatArray) -> tuple[float, FloatArray]:
+    """(21) How far a turn (m,) leads from the floor by the largest turn ``across`` it, (m, k), that leads back, and the change of
+    the unknowns by both; infinitely far where nothing leads back."""
+    try:
+        lacking = across.T @ (slope.gradient / slope.stiffness + slope.by_turns @ turn)
+        back = -np.linalg.solve(across.T @ slope.by_turns @ across, lacking)
+    except np.linalg.LinAlgError:
+        return np.inf, slope.back
+    return float(np.abs(back).max(initial=0.0)), slope.back + slope.change(turn + across @ back)
 
 
 def by_residuals(correct: Callable[[FloatArray], Run]) -> Floor:

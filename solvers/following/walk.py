@@ -10,11 +10,11 @@ import numpy as np
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION
-from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope, Unfit
-from multirod.solvers.following.many import BALANCED, alike
+from multirod.solvers.following.descent import RADIUS, SOFT, VANISHING, Point, Slope, Unfit, turn_between
+from multirod.solvers.following.many import BALANCED, alike, led_to
 from multirod.solvers.following.ordered import next_rest
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Run, Trace, Weigh
-from multirod.solvers.following.valley import FIRST, LONGEST, by_residuals, by_turns, down_valley, in_valley
+from multirod.solvers.following.valley import FIRST, LONGEST, along_floor, by_residuals, by_turns, down_valley, in_valley
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -34,8 +34,9 @@ ALONG_VALLEY = 20  # steps along a valley, after which it is followed
 HARDLY = 1e-3  # of K/L: a mode that is softer is let go on the way, and comes down its valley at the end
 NEAR, WIDE = 1e-3, 0.1  # of the unknowns: the first step along a valley, and the longest
 ALONGSIDE = 2  # steps of Newton's method across modes that vanish
-VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
 DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
+AS_A_ROOT = 0.1  # of half the distance, that an equilibrium may be from half-way to count as one on a branch that bifurcates
+BESIDE = 0.02  # turn that leads what does not vanish back to rest, of what is beside a critical point [rad]
 MERGED = 0.05  # turn of the tip [rad] within which branches merge
 # turns along a neutral mode, where it is still neutral if symmetry makes it so: the less, the less it is bent [rad]
 ASIDE = (0.05, 0.005)
@@ -65,6 +66,7 @@ class Walk:
         steps: Equal steps of its integrations from base to tip; 0 by step control.
         clampings: In how many ways its rods can be clamped.
         slack: Whether it is at the end of the way, but in a valley and not at rest.
+        thorough: Whether shorter steps beyond a critical point are tried, and floors that bend.
     """
 
     start: FloatArray
@@ -85,6 +87,7 @@ class Walk:
     steps: int = 0
     clampings: int = 0
     slack: bool = False
+    thorough: bool = False
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END
@@ -95,6 +98,7 @@ class Walk:
     lost: Point | None = None  # where rounding hides how it goes on
     hardly: int = 0  # modes in which hardly anything holds what it has come down a valley to: 1, or none
     valley: bool = False  # whether it has come to one
+    beside: bool = False  # whether the last step beyond a critical point led to what is beside it
 
     def __post_init__(self) -> None:
         self.events: list[BranchEvent] = []
@@ -277,6 +281,8 @@ class Walk:
         They may move what is soft by much of what is left: by little of the whole it is the same branch.
         """
         found, contraction = yield from self._correct(unknowns, 1.0, neutral, any_contraction=True)
+        if found is None and self.thorough and not neutral:
+            found = yield from led_to(self._at, unknowns, self.tolerance)
         slow = found is not None and contraction > CONTRACTION
         return None if slow and np.linalg.norm(found.unknowns - unknowns) > POLISHED * np.linalg.norm(unknowns) else found
 
@@ -305,6 +311,20 @@ class Walk:
         there = self._slope_or_none(rest)
         return rest if there is not None and held(there) else None
 
+    def _halfway(self, critical: Point, level: float, landed: Point, neutral: int) -> Run:
+        """The stable equilibrium at a quarter of the way if it is where a branch that leaves as the root of the load has it; None
+        where it is not, and by the turns of clamps, which do not tell that it is stable."""
+        reached = landed.slope
+        if reached.clamps or self.slight:
+            return None
+        expected = 0.5 * (critical.unknowns + landed.unknowns)
+        found, _ = yield from self._correct(expected, level, neutral)
+        slope = None if found is None else self._slope_or_none(found)
+        if slope is None or slope.facing != reached.facing or slope.values[0] < -SOFT:
+            return None
+        near = np.linalg.norm(found.unknowns - expected) <= AS_A_ROOT * np.linalg.norm(expected - critical.unknowns)
+        return found if near else None
+
     # ---- down in energy ----
 
     def _descend(self, point: Point, slope: Slope, first: FloatArray) -> Run:
@@ -319,7 +339,16 @@ class Walk:
         return landed
 
     def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
-        """The same by the turns of clamps: in steps that (9) says are short enough, as ends that are held bend the way."""
+        """The same by the turns of clamps; of legs that come nowhere so, on the floor of their valley."""
+        taken = self.integrations
+        landed = yield from self._descend_in_steps(point, slope, first)
+        short = self.integrations - taken < PIECES * CLAMPED_STEPS
+        if landed is None and self.thorough and short and point.among.arrow is not None and slope.unsettled <= BESIDE:
+            landed = yield from along_floor(self._at, point, slope, first, self.within)
+        return landed
+
+    def _descend_in_steps(self, point: Point, slope: Slope, first: FloatArray) -> Run:
+        """The same in steps that (9) says are short enough, as ends that are held bend the way."""
         radius, share, along, gone = RADIUS, 1.0, 0, np.inf
         turn = slope.modes.T @ first if first.any() else slope.turn(RADIUS)
         for k in range(CLAMPED_STEPS):
@@ -361,9 +390,3 @@ class Walk:
 def held(slope: Slope) -> bool:
     """Whether a stable equilibrium is beside a point: one on which branches merge."""
     return bool(slope.values[0] > DECIDED and np.abs(slope.along).max() < MERGED * slope.values[0])
-
-
-def turn_between(before: FloatArray, after: FloatArray) -> float:
-    """The largest angle between frames of the same places, (place, 3, 3), before and after [rad]."""
-    traces = np.einsum("kij,kij->k", before, after)
-    return float(np.arccos(np.clip(0.5 * (traces - 1), -1, 1)).max())

@@ -221,7 +221,7 @@ class ColdStart:
         def by_closing() -> None:
             open_ = np.zeros_like(ended)
             open_[[place for place, (status, *_) in closed.items() if status.failed]] = True
-            assemble(problem, newton, outcome, some & self.lost & open_, steps, further, closed=closed, closing=True)
+            assemble(problem, newton, outcome, some & self.lost & open_, steps, self._close_part, closed=closed, closing=True)
 
         def from_several_places() -> None:
             lowest_stable(problem, newton, outcome, some & self.lost, steps, further, self.options.sign)
@@ -232,12 +232,16 @@ class ColdStart:
             newton.allow(self._allowed)
             way()
 
-    def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
+    def _close_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
+        """The same where joints close: thoroughly."""
+        self._follow_part(problem, newton, outcome, thorough=True)
+
+    def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome, *, thorough: bool = False) -> None:
         """From where a branch ended in a part of all that one solve does, or from an unstable state that it led to."""
         lost, reached = np.isin(outcome.status, (*ENDED, Status.STALLED, Status.UNSTABLE)), outcome.reached
         if lost.any() and reached is not None:
             left = np.maximum(newton.allowed() - outcome.integrations, 0)
-            go_on(self.options, problem, newton, outcome, lost, reached, problem.read("unknowns"), left=left)
+            go_on(self.options, problem, newton, outcome, lost, reached, problem.read("unknowns"), left=left, thorough=thorough)
 
     def _go_on(self, lost: BoolArray) -> None:
         assert self.outcome.reached is not None  # or no branch ended
