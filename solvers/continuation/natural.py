@@ -102,13 +102,14 @@ def _end_at_once(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> 
 def _begin_again(problem: BoundaryProblem, newton: Newton, max_steps: int, bounds: FloatArray, outcome: Outcome) -> None:
     """From elsewhere, of what came nowhere."""
     assert outcome.reached is not None  # of paths
-    found = problem.begin_again(outcome.status, outcome.reached)
-    if found is None:
-        return
-    some, unknowns = found
-    before = newton.allowed()
-    newton.allow(np.maximum(before - outcome.integrations - 1, 0))
-    again = Paths.of(problem, newton, max_steps).raise_loads(some, bounds, unloaded=unknowns)
+    with problem.led_on():
+        found = problem.begin_again(outcome.status, outcome.reached)
+        if found is None:
+            return
+        some, unknowns = found
+        before = newton.allowed()
+        newton.allow(np.maximum(before - outcome.integrations - 1, 0))
+        again = Paths.of(problem, newton, max_steps).raise_loads(some, bounds, unloaded=unknowns)
     again.integrations += some * problem.guess_integrations
     newton.allow(before)
     if (lost := some & (again.status != CONVERGED)).any():
