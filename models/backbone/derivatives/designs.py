@@ -54,7 +54,7 @@ def refuse_unknown(names: Sequence[str], rods: Sequence["Rod"]) -> None:
         raise NotImplementedError(f"{by} with members are not known: their numbers may depend on those of the rod")
     lines = [line for rod in rods for line in rod.lines]
     if any(line.rubs for line in lines):
-        raise NotImplementedError(f"{by} whose line has friction are not known")
+        raise NotImplementedError(f"{by} whose line has friction are not known: take differences (docs/estimation.md)")
     if lines and "length" in asked:
         raise NotImplementedError(f"{by} with lines are not known: where these end moves too")
     if "precurvature" in asked and any(line.conditioned for line in lines):
