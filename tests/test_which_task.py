@@ -56,7 +56,7 @@ MADE = {
     "side by side": lambda: (tubes(mr.EccentricTubes, offsets=[(0.002, 0), (-0.003, 0)]), {"tip_force": (0.1, 0, 0)}),
     "legs": lambda: (legs(), {"tip_force": (0.1, 0, 0)}),
     "inverse": lambda: (legs().inverse(), {"platform_position": (0.02, 0, 0.29)}),
-    "held": lambda: (held(), {"tip_force": (0.1, 0, 0)}),
+    "held": lambda: (held(), {"end_position": (0.01, 0, -0.02)}),
     "held at an end": lambda: (held(0.05), {}),
     "network": lambda: (chain(), {"force": {"middle": (0.05, 0, 0)}}),
 }

@@ -145,7 +145,8 @@ def _of_material(material: Material) -> bool:
 def _of_diameter(rod: "Rod") -> bool:
     if rod.outer_diameter is None:
         return False
-    slender = rod.length / rod.outer_diameter
+    with np.errstate(over="ignore"):
+        slender = rod.length / rod.outer_diameter
     odd = SLENDER.odd(slender)
     if odd is None:
         return False

@@ -80,6 +80,8 @@ def diameters(outer: object, inner: object) -> tuple[Diameter | None, Diameter |
     if inner is None:
         return thick, None
     hollow = array("Rod.inner_diameter", inner, finite=False)
+    if not hollow.size:
+        refuse("Rod.inner_diameter", inner, "must have a value")
     limit = np.asarray(np.inf if thick is None else thick)
     try:
         wrong = ~((hollow >= 0) & (hollow < limit))

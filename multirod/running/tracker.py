@@ -226,9 +226,9 @@ class Tracker(Uncopied, Generic[Robot_co]):
             present = self._present()
             held: dict[str, Any] = {name: getattr(present, name) for name in present.arrays}
             held |= dict(present.profiles)
-            changes = completed(self._robot, present, changes)
             # named so, for editors that follow them from ``step`` on
-            new = self._robot.inputs(**{**held, **KnownInputs(**changes)})  # type: ignore[typeddict-item]
+            given = KnownInputs(**changes)  # type: ignore[typeddict-item]
+            new = self._robot.inputs(**{**held, **completed(self._robot, present, given)})
         if not _broadcasts(new.batch_shape, self._batch_shape):
             refuse(
                 f"inputs ({', '.join(changes)})" if changes else "inputs",

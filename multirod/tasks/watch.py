@@ -23,7 +23,7 @@ AT_ONCE = 2  # of these in one sample
 HASTY = 0.6  # (17) from which what renews ``Gamma_0`` is done at once: at 0.8 a sample would take an integration more
 SURELY = 0.5  # (17e) of a correction of Newton's method, that the next one is at most where an equilibrium is near
 # (17e) times that ``Gamma`` may change by its own size on the way to an equilibrium: what is farther may be another
-NEARBY = 10.0
+NEARBY = 3.0
 SETTLED, ROUNDED = 1e-4, 1e-9  # corrections in scales of curvature: of what is at its equilibrium, and of what is rounding
 BALANCING = 6  # passes of scales, after which they stay as they are to some per cent
 
@@ -67,9 +67,13 @@ class Watch:
 
     def _far(self, rows: IntArray, gamma: FloatArray) -> FloatArray:
         """The left side of (17) of some instances at ``gamma`` (k, n, n), shape (k,)."""
-        anchor, inverse, scale = (self._shared[name].values[rows] for name in ("anchor", "inverse", "scale"))
+        return self._size(rows, gamma - self._shared["anchor"].values[rows])
+
+    def _size(self, rows: IntArray, change: FloatArray) -> FloatArray:
+        """A ``change`` of ``Gamma`` (k, n, n) as (17) has it, shape (k,)."""
+        inverse, scale = (self._shared[name].values[rows] for name in ("inverse", "scale"))
         with np.errstate(invalid="ignore", over="ignore"):
-            off = inverse.swapaxes(1, 2) @ (gamma - anchor) * scale[:, None]
+            off = inverse.swapaxes(1, 2) @ change * scale[:, None]
             return np.asarray(np.sqrt((off * off).sum(axis=(1, 2))))
 
     def begin(self, rows: IntArray, gamma: FloatArray) -> None:
@@ -232,13 +236,16 @@ class Watch:
         left, off = self._correction(rows)
         fastest = self._shared["least"].values[rows, 1]
         stable = self._far(rows, self.gamma()[rows]) + FASTER * fastest * off < SURE  # (17b), at the command itself
-        doubtful = np.flatnonzero(~stable & (fastest * off < NEARBY))
+        doubtful = np.flatnonzero(~stable)
         if len(doubtful):
+            begun = self.gamma()
             settled, taken = self._settle(rows[doubtful], left[doubtful], off[doubtful])
             spent[doubtful] += taken
-            there = doubtful[settled]
-            stable[there] = self._far(rows[there], self.gamma()[rows[there]]) < SURE
-            asked = there[~stable[there]]
+            there, gamma = doubtful[settled], self.gamma()
+            own = rows[there]
+            stable[there] = self._far(own, gamma[own]) < SURE
+            near = self._size(own, gamma[own] - begun[own]) < NEARBY
+            asked = there[~stable[there] & near]
             if len(asked):
                 stable[asked] = ~self.unstable(rows[asked])
         gamma = self.gamma()[rows]

@@ -143,6 +143,7 @@ class Parameters:
         self.begin = robot
         self.groups: dict[Key, Group] = {key: _group(robot, key) for key in priors}
         self.names = tuple(name for group in self.groups.values() for name in group.names)
+        robot.input_directions(*(name for name in self.names if name != "base"))  # which that robot may refuse
         self.labels = tuple(label for group in self.groups.values() for label in group.labels)
         self.places: dict[Key, slice] = {}
         first = 0
