@@ -143,7 +143,7 @@ class HeldReach(Reach):
 
     def attained(self) -> NDArray[np.bool_]:
         """``HeldProblem.taut``: where it is shorter by no more than what a rod begins buckled from, too."""
-        return np.asarray(self._apart() > (1 - BUCKLED) * self.problem.length_in_use()) if self.ends else ~self.everyone
+        return self._beyond(1 - BUCKLED) if self.ends else ~self.everyone
 
     def tells_nothing(self, unknowns: FloatArray) -> NDArray[np.bool_]:
         """``HeldProblem.tells_nothing``: straight at rest, and nothing bends it."""

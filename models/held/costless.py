@@ -295,10 +295,10 @@ def pulled(problem: "HeldProblem") -> NDArray[np.bool_]:
     return np.asarray(beyond & (problem.holders.slide is None))
 
 
-def swing(problem: "HeldProblem", rest: FloatArray) -> FloatArray:
+def swing(problem: "HeldProblem", rest: FloatArray, taut: NDArray[np.bool_]) -> FloatArray:
     """(2b) Rotation vectors that lead the line from the base to ``rest``, where the end is at rest, to that to where it is to be,
-    of rods that are ``pulled`` alone; both of shape (instance_count, 3)."""
-    base, taut = problem.rod.table.base_position.numpy(), pulled(problem)
+    of rods that are ``taut`` alone, as ``pulled`` says; both of shape (instance_count, 3)."""
+    base = problem.rod.table.base_position.numpy()
     lines = np.where(taut[:, None, None], np.stack([rest - base, problem.goal()[0] - base], axis=1), AXIS)
     size = np.linalg.norm(lines, axis=2, keepdims=True)
     apart = size[:, 0] > ON_AXIS * problem.length_in_use()[:, None]

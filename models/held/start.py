@@ -138,12 +138,13 @@ def begin(problem: "HeldProblem") -> Begun:
         if led.any():
             x, buckled, turned = _led(problem, x, np.array(position), led)
             position = np.array(problem.table.rest_position.numpy())
-        problem.table.swing.assign(swing(problem, position))
+        taut = pulled(problem)
+        problem.table.swing.assign(swing(problem, position, taut))
         residual, gamma = problem.evaluate(x)
         if buckled.any():
             x, residual, gamma = _settled(problem, x, residual, gamma, buckled)
         least = _least_singular_value(gamma)
-        gives_way = (least > REGULAR) | ((least > STRETCHES) & pulled(problem))
+        gives_way = (least > REGULAR) | ((least > STRETCHES) & taut)
         stuck = ~gives_way & ~_stays(problem, position, rotation) & ~led
         if stuck.any() or problem.rod.features.shear:
             by_place = np.where(led[:, None], 0.0, drawn_beside(problem))

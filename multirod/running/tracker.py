@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from inspect import Parameter, Signature
 from threading import Lock
-from typing import Any, ClassVar, Generic
+from typing import Any, Generic
 
 import numpy as np
 
@@ -84,7 +84,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
     """
 
     instead = "make a new Tracker(robot, solver=..., dt=..., inputs=tracker.inputs, guess=solution)"
-    _called: ClassVar[str] = "Tracker"  # by who made it
+    _called = "Tracker"  # by who made it
     _options: Mapping[str, Any] | None = None  # of the problem, beside what the solver needs
 
     @names_checked

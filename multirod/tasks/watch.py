@@ -234,11 +234,10 @@ class Watch:
         self._integrate(rows)
         spent = np.ones(len(rows), dtype=np.int32)
         left, off = self._correction(rows)
-        fastest = self._shared["least"].values[rows, 1]
-        stable = self._far(rows, self.gamma()[rows]) + FASTER * fastest * off < SURE  # (17b), at the command itself
+        fastest, begun = self._shared["least"].values[rows, 1], self.gamma()
+        stable = self._far(rows, begun[rows]) + FASTER * fastest * off < SURE  # (17b), at the command itself
         doubtful = np.flatnonzero(~stable)
         if len(doubtful):
-            begun = self.gamma()
             settled, taken = self._settle(rows[doubtful], left[doubtful], off[doubtful])
             spent[doubtful] += taken
             there, gamma = doubtful[settled], self.gamma()

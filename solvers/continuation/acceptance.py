@@ -37,3 +37,8 @@ def same_branch(gamma: FloatArray, before: FloatArray) -> NDArray[np.bool_]:
                 break
             E, power = E @ E, 2 * power
     return np.asarray(regular & (bound < RATIO_RADIUS))
+
+
+def signs(gamma: FloatArray) -> FloatArray:
+    """Signs of ``det Gamma`` (k, n, n): the parity of unstable modes; 0 where it is singular or not finite, shape (k,)."""
+    return np.asarray(np.linalg.slogdet(np.nan_to_num(gamma))[0])

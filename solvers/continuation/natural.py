@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from multirod.capabilities import Loading
 from multirod.problem import FEW, BoundaryProblem
 from multirod.solver import Outcome
+from multirod.solvers.continuation.acceptance import signs
 from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.newton.iteration import Newton
 from multirod.status import BoolArray, Status, failures
@@ -59,14 +60,13 @@ def natural_branch(
 
 def _say_what_is_lost(problem: BoundaryProblem, outcome: Outcome, lost: BoolArray) -> None:
     """Which of those that are ``lost`` are undetermined or loose: told at the full load, by what is left of it there."""
+    assert outcome.reached is not None  # of paths
     with problem.only(lost):
         problem.integrate()
     outcome.integrations += lost
     # what gives way on the way no longer does at its end; what does not give way gets nowhere
-    reached = outcome.reached
     there = np.isin(outcome.status, (Status.BRANCH_END, Status.STALLED, Status.SINGULAR_JACOBIAN)) & lost
-    if reached is not None:
-        there &= (reached > 1 - AT_END) | (reached == 0)
+    there &= (outcome.reached > 1 - AT_END) | (outcome.reached == 0)
     if there.any():
         outcome.status[there & problem.undetermined()] = Status.UNDETERMINED
         # what loads hold though it is loose is found by other ways
@@ -78,13 +78,13 @@ def _say_what_is_lost(problem: BoundaryProblem, outcome: Outcome, lost: BoolArra
 def _end_at_once(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
     """What is put together but for next to nothing, which is too little for the tests of steps: the rest of its way in one, by
     which it moves by next to nothing."""
-    if problem.joints is None or outcome.reached is None:
+    assert outcome.reached is not None  # of paths
+    if problem.joints is None:
         return
     some = np.isin(outcome.status, (Status.STALLED, Status.BRANCH_END)) & (outcome.reached > 1 - NEARLY)
     if not some.any():
         return
-    shape = problem.instance_count, problem.unknown_count, problem.unknown_count
-    before, sign = problem.read("unknowns"), np.linalg.slogdet(np.nan_to_num(problem.read("gamma").reshape(shape)))[0]
+    before, sign = problem.read("unknowns"), signs(_gamma(problem)[some])
     allowed = newton.allowed()
     newton.allow(np.clip(allowed - outcome.integrations, 0, AT_ONCE))
     newton.run(some)
@@ -92,7 +92,7 @@ def _end_at_once(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> 
     found, x = newton.outcome(), problem.read("unknowns")
     size = np.linalg.norm(x - before, axis=1)
     there = some & (found.status == CONVERGED) & (size <= HARDLY * np.linalg.norm(x, axis=1))
-    there &= np.linalg.slogdet(np.nan_to_num(problem.read("gamma").reshape(shape)))[0] == sign
+    there[some] &= signs(_gamma(problem)[some]) == sign
     problem.write("unknowns", np.where(there[:, None], x, before))
     outcome.iterations += some * found.iterations
     outcome.integrations += some * found.integrations
@@ -116,6 +116,11 @@ def _begin_again(problem: BoundaryProblem, newton: Newton, max_steps: int, bound
         _say_what_is_lost(problem, again, lost)
         _end_at_once(problem, newton, again)
     outcome.end_with(again, some)
+
+
+def _gamma(problem: BoundaryProblem) -> FloatArray:
+    """Of the last integration, (instance_count, n, n)."""
+    return problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
 
 
 def let_go(problem: BoundaryProblem, newton: Newton, outcome: Outcome, chosen: BoolArray) -> BoolArray:
@@ -184,7 +189,7 @@ def _leave_unstable(
     """Follow those branches again that led to an unstable equilibrium."""
     stability = problem.stability
     assert stability is not None  # which says that a path may jump
-    gamma = problem.read("gamma").reshape(problem.instance_count, problem.unknown_count, -1)
+    gamma = _gamma(problem)
     # with one unstable mode at most, the sign of det Gamma says whether there is one
     sure = (bounds[:, 1] < 1) & (np.linalg.det(gamma) > 0)
     places = np.flatnonzero(chosen & (outcome.status == CONVERGED) & ~sure & stability.has_potential)

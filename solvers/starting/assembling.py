@@ -12,6 +12,7 @@ from multirod.capabilities import Joints, Loading
 from multirod.problem import BoundaryProblem
 from multirod.results.events import BranchEvent, placed_events
 from multirod.solver import Outcome
+from multirod.solvers.continuation.acceptance import signs
 from multirod.solvers.continuation.paths import SAFE_LOAD, Paths
 from multirod.solvers.newton.iteration import Newton
 from multirod.status import Status, failures
@@ -138,7 +139,7 @@ def settle(problem: BoundaryProblem, newton: Newton, numbers: IntArray, go_on: G
     joints, everyone = _joints(problem), np.ones(problem.instance_count, dtype=bool)
     unknowns = joints.apart(numbers)
     with problem.everyone(), problem.at_load(0.0):
-        sign = _signs(problem.evaluate(unknowns)[1])
+        sign = signs(problem.evaluate(unknowns)[1])
     outcome = Paths(problem, newton, SETTLING_STEPS).raise_from(everyone, unknowns, np.minimum(CLOSING_STEP, _safe_step(problem)))
     outcome.integrations += 3
     ends, left = problem.read("unknowns"), 1.0 - (np.zeros(len(sign)) if outcome.reached is None else outcome.reached)
@@ -174,11 +175,6 @@ def _joints(problem: BoundaryProblem) -> Joints:
 
 def _safe_step(problem: BoundaryProblem) -> FloatArray:
     return np.asarray(SAFE_LOAD / np.maximum(problem.load_scale(), 1e-300))
-
-
-def _signs(gamma: FloatArray) -> FloatArray:
-    """Signs of ``det Gamma`` (k, n, n): the parity of unstable modes; 0 where it is singular or not finite, shape (k,)."""
-    return np.asarray(np.linalg.slogdet(np.nan_to_num(gamma))[0])
 
 
 def _through_folds(
@@ -263,7 +259,7 @@ class _Arc:
             except np.linalg.LinAlgError:
                 return self._halve()
             if np.abs(residual).max() <= self.close:
-                return self._keep(along / np.linalg.norm(along), float(_signs(gamma)))
+                return self._keep(along / np.linalg.norm(along), float(signs(gamma)))
             if self._contracts(float(np.linalg.norm(move))):
                 self.trial = self.trial + move
                 return True

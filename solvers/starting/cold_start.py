@@ -1,6 +1,7 @@
 """A solve without a guess: along the natural branch, and from where that ends early by the other ways, one after the other."""
 
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -221,7 +222,8 @@ class ColdStart:
         def by_closing() -> None:
             open_ = np.zeros_like(ended)
             open_[[place for place, (status, *_) in closed.items() if status.failed]] = True
-            assemble(problem, newton, outcome, some & self.lost & open_, steps, self._close_part, closed=closed, closing=True)
+            thorough = partial(self._follow_part, thorough=True)
+            assemble(problem, newton, outcome, some & self.lost & open_, steps, thorough, closed=closed, closing=True)
 
         def from_several_places() -> None:
             lowest_stable(problem, newton, outcome, some & self.lost, steps, further, self.options.sign)
@@ -231,10 +233,6 @@ class ColdStart:
         for way in (by_closing, from_several_places) if told else (from_several_places, by_closing):
             newton.allow(self._allowed)
             way()
-
-    def _close_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
-        """The same where joints close: thoroughly."""
-        self._follow_part(problem, newton, outcome, thorough=True)
 
     def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome, *, thorough: bool = False) -> None:
         """From where a branch ended in a part of all that one solve does, or from an unstable state that it led to."""
