@@ -9,6 +9,9 @@ from test_network import EXACT, GIVEN, RK4, mixed, pose
 import multirod as mr
 from multirod.models.network.elements.elements import Elements, torque_units
 from multirod.models.network.stability import stability as network_stability
+from multirod.models.platform.problem import ParallelProblem
+from multirod.solvers.continuation.natural import natural_branch
+from multirod.solvers.continuation.paths import Paths
 
 STEEP = {name: value for name, value in GIVEN.items() if name != "moment"}  # loads with a potential
 ROUND = mr.Rod(length=0.4, bending_stiffness=0.2233, torsional_stiffness=0.0638)
@@ -194,6 +197,36 @@ def test_straight_legs_side_by_side_share_a_load_as_nothing_determines(tip):
         both = mr.solve(parallel, parallel.inputs(tip_force=np.array([force, (0, 0, -1), (2, 1, 0)])), solver=solver)
         assert [mr.Status(k) for k in both.status][:2] == [mr.Status.CONVERGED, mr.Status.UNDETERMINED]
         assert np.array_equal(both.tip_position[0], found.tip_position)
+
+
+def test_what_begins_again_counts_what_it_takes(monkeypatch):
+    """Of legs side by side that a load across bends: as tips begin to give way one integration; the beams that their path begins
+    as are known, and were counted twice."""
+    places = [pose(position=(0.08 * np.cos(a), 0.08 * np.sin(a), 0)) for a in np.radians(10 + 60 * np.arange(6))]
+    robot = mr.ParallelRods(legs=[ROUND] * 6, base=places, platform=places, joints="spherical")
+    inputs = robot.inputs(tip_force=(0.3, 0, -0.2 * 6 * np.pi**2 * 0.2233 / 0.4**2))
+    problem, ways, raise_loads, evaluate = robot.problem(inputs, integrator=RK4), [], Paths.raise_loads, ParallelProblem.evaluate
+    evaluated = []
+
+    def counted(self, *arguments, **options):
+        allowed = int(self._newton.allowed()[0])
+        ways.append((allowed, raise_loads(self, *arguments, **options), len(evaluated)))
+        return ways[-1][1]
+
+    def told(self, *arguments, **options):
+        evaluated.append(ways)
+        return evaluate(self, *arguments, **options)
+
+    monkeypatch.setattr(Paths, "raise_loads", counted)
+    monkeypatch.setattr(ParallelProblem, "evaluate", told)
+    newton = mr.Shooting(integrator=RK4).newton(problem)
+    newton.allow(1000)
+    outcome = natural_branch(problem, newton, 1000)
+    (allowed, first, before), (left, again, after) = ways
+    assert (outcome.status[0], after - before) == (mr.Status.CONVERGED, 1)
+    taken = 1000 - allowed + int(first.integrations[0]) + 2  # of which one says that it is undetermined
+    assert left == 1000 - taken
+    assert outcome.integrations[0] == taken + again.integrations[0]
 
 
 @pytest.mark.parametrize("part", [0.1, 0.2])

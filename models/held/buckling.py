@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.batch import IntArray
 from multirod.models.held.costless import AXIS, acting, force_along, on_axis, straight_at_rest
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
 from multirod.rotations import cross, leading_axis, matrices
@@ -310,7 +311,7 @@ def pushed_far(problem: "HeldProblem", end: FloatArray, far: float = FAR) -> NDA
     return np.asarray(stiff & (short > far * strain) & straight_at_rest(problem))
 
 
-def begin_bent(problem: "HeldProblem", status: NDArray[np.int32]) -> tuple[NDArray[np.bool_], FloatArray] | None:
+def begin_bent(problem: "HeldProblem", status: NDArray[np.int32]) -> tuple[NDArray[np.bool_], FloatArray, IntArray | int] | None:
     """As ``BoundaryProblem.begin_again``: what is pushed far beyond where it buckles, and came to an end on the way there, from
     where it is bent, as rods begin that do not give way."""
     assert problem._begun is not None  # or nothing came to an end
@@ -322,4 +323,4 @@ def begin_bent(problem: "HeldProblem", status: NDArray[np.int32]) -> tuple[NDArr
     if not some.any():
         return None
     problem.bends |= some
-    return some, problem.guess()
+    return some, problem.guess(), problem.guess_integrations

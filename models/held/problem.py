@@ -304,7 +304,9 @@ class HeldProblem(BoundaryProblem):
         self._natural = np.minimum(1.0, begun.least)
         return np.array(begun.unknowns)
 
-    def begin_again(self, status: NDArray[np.int32], reached: FloatArray) -> tuple[NDArray[np.bool_], FloatArray] | None:  # noqa: D102
+    def begin_again(  # noqa: D102
+        self, status: NDArray[np.int32], reached: FloatArray
+    ) -> tuple[NDArray[np.bool_], FloatArray, IntArray | int] | None:
         return begin_bent(self, status)
 
     def know_rest(self) -> None:

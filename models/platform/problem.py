@@ -178,10 +178,10 @@ class ParallelProblem(BoundaryProblem):
     def joints(self) -> PlatformJoints:  # noqa: D102
         return PlatformJoints(self)
 
-    def begin_again(self, status: NDArray[np.int32], reached: FloatArray) -> tuple[NDArray[np.bool_], FloatArray] | None:
+    def begin_again(self, status: NDArray[np.int32], reached: FloatArray) -> tuple[NDArray[np.bool_], FloatArray, int] | None:
         """What is undetermined where it begins, with tips that give way: loads may bend it, which determines it."""
         some = (status == Status.UNDETERMINED) & (reached == 0)
-        return (some, self.joints.give_way(some)) if some.any() else None
+        return (some, *self.joints.give_way(some)) if some.any() else None
 
     @property
     def starts(self) -> PlatformStarts | None:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,12 +142,14 @@ class Offers(Buffers):
         (instance_count,)."""
         return np.zeros(self.instance_count, dtype=bool)
 
-    def begin_again(self, status: NDArray[np.int32], reached: FloatArray) -> tuple[NDArray[np.bool_], FloatArray] | None:
+    def begin_again(
+        self, status: NDArray[np.int32], reached: FloatArray
+    ) -> tuple[NDArray[np.bool_], FloatArray, NDArray[np.integer[Any]] | int] | None:
         """Where the way to the full load may begin otherwise than by ``guess``, of instances that ended so, at these parts of it.
 
         Returns:
-            Which instances, and unknowns (instance_count, n) that are an equilibrium of them at a ``load_factor`` of 0; None if
-            there are none, as by default.
+            Which instances; unknowns (instance_count, n) that are an equilibrium of them at a ``load_factor`` of 0; how many
+            integrations that took. None if there are none, as by default.
         """
         del status, reached
         return None

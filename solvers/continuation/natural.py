@@ -37,6 +37,7 @@ def natural_branch(
     bounds, stability = problem.mode_bounds(), problem.stability
     if problem.may_jump and stability is not None and (chosen & (bounds[:, 1] >= 1)).any():
         stability.expect()  # as those are looked at
+    allowed = newton.allowed()
     outcome = _from_together(problem, newton, max_steps, chosen, bounds)
     left = chosen if outcome is None else chosen & ~_has_branch(outcome)
     if outcome is None or left.any():
@@ -48,6 +49,7 @@ def natural_branch(
             outcome = raised
         else:
             outcome.end_with(raised, left)
+    newton.allow(allowed)  # from which what follows takes all that the outcome counts
     if problem.may_jump:
         _leave_unstable(problem, newton, max_steps, chosen, bounds, outcome)
     lost = outcome.status != CONVERGED
@@ -106,11 +108,11 @@ def _begin_again(problem: BoundaryProblem, newton: Newton, max_steps: int, bound
         found = problem.begin_again(outcome.status, outcome.reached)
         if found is None:
             return
-        some, unknowns = found
+        some, unknowns, taken = found
+        outcome.integrations += some * taken
         before = newton.allowed()
-        newton.allow(np.maximum(before - outcome.integrations - 1, 0))
+        newton.allow(np.maximum(before - outcome.integrations, 0))
         again = Paths.of(problem, newton, max_steps).raise_loads(some, bounds, unloaded=unknowns)
-    again.integrations += some * problem.guess_integrations
     newton.allow(before)
     if (lost := some & (again.status != CONVERGED)).any():
         _say_what_is_lost(problem, again, lost)

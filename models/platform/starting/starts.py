@@ -69,16 +69,16 @@ class PlatformJoints(Joints):
         with problem.everyone(), problem.at_load(0.0):
             problem.robots.opening.assign(problem.evaluate(unknowns)[0])
 
-    def give_way(self, some: BoolArray) -> FloatArray:
+    def give_way(self, some: BoolArray) -> tuple[FloatArray, int]:
         """Let tips of ``some`` give way, (9b), until ``load_factor`` is 1, from the unknowns that this returns, those of
-        ``guess``."""
+        ``guess``, and how many integrations it takes to open them."""
         arrays = self.problem.robots.opening, self.problem.robots.soft
         unknowns, before = self.problem.closing.closed().unknowns, [np.array(values.numpy()) for values in arrays]
         self.open(unknowns)
         for values, own in zip(arrays, before, strict=True):
             own[some] = values.numpy()[some]
             values.assign(own)
-        return np.array(unknowns)
+        return np.array(unknowns), 1
 
     def close(self, loading: Loading) -> None:  # noqa: D102
         self.problem.robots.loading.fill_(int(loading))
