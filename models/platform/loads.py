@@ -31,6 +31,28 @@ def load_scale(problem: "ParallelProblem") -> FloatArray:
     return np.asarray(total)
 
 
+def least_growth(problem: "ParallelProblem") -> FloatArray:
+    """(44) of ``docs/networks.md``: as ``BoundaryProblem.least_growth``. Of legs that may be cut, as lines and media pull too."""
+    geometry, count = problem.geometry, problem.instance_count
+    if problem.inverse or not all(may_be_cut(leg.rods) for leg in geometry.legs) or any(own.loads for own in geometry.arrays):
+        return np.zeros(count)
+    inputs, first = problem.read("inputs"), geometry.first_rod[:-1]
+
+    def force(name: str) -> FloatArray:
+        return inputs[:, problem.input_slice(name)]
+
+    def every(values: FloatArray) -> FloatArray:
+        return np.broadcast_to(values, (count, *values.shape[1:]))
+
+    length = every(problem.length[:, :-1]) + force("translation")[:, first]
+    density = np.stack([every(own.material[:, 0, 0, DENSITY]) for own in geometry.arrays], axis=1)
+    sizes = {name: np.linalg.norm(force(name), axis=1) for name in ("follower_force", "distributed_force", "gravity")}
+    borne = np.linalg.norm(force("tip_force") + geometry.mass * force("gravity"), axis=1) - sizes["follower_force"]
+    along = length * (sizes["distributed_force"][:, None] + density * sizes["gravity"][:, None])
+    pull = np.maximum(borne[:, None] / len(geometry.legs) - along, 0.0)
+    return np.asarray((length * np.sqrt(pull / every(problem.stiffness[:, :-1]))).min(axis=1))
+
+
 def too_long(problem: "ParallelProblem", instance: int) -> str:
     """(42) of ``docs/networks.md``, of each leg: as ``BoundaryProblem.too_long``. What cuts them is a network of these."""
     if problem.inverse:

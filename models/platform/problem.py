@@ -30,7 +30,7 @@ from multirod.models.platform.derivatives.columns import input_columns
 from multirod.models.platform.geometry import Geometry
 from multirod.models.platform.inputs import input_places
 from multirod.models.platform.legs import LegGroup
-from multirod.models.platform.loads import load_scale, too_long
+from multirod.models.platform.loads import least_growth, load_scale, too_long
 from multirod.models.platform.reach import PlatformReach
 from multirod.models.platform.stability.clamps import PlatformClamps
 from multirod.models.platform.stability.conjugates import PlatformConjugates
@@ -331,6 +331,9 @@ class ParallelProblem(BoundaryProblem):
 
     def too_long(self, instance: int) -> str:  # noqa: D102
         return too_long(self, instance)
+
+    def least_growth(self) -> FloatArray:  # noqa: D102
+        return least_growth(self)
 
     def places_of_drives(self, legs: Sequence[int]) -> NDArray[np.int32]:
         """Where in a row of inputs that of each line of these legs stands, (leg, line), in the order of a leg's own row."""

@@ -185,6 +185,11 @@ class Offers(Buffers):
         del instance
         return ""
 
+    def least_growth(self) -> FloatArray:
+        """By whose exponential errors grow along some rod at the full load, at least, shape (instance_count,); 0 where nothing
+        is known of it."""
+        return np.zeros(self.instance_count)
+
     def loose(self) -> list[str]:
         """Of each instance the body that moves most, by its name, where the assembly moves at rest and without loads though no
         rod is bent, a mechanism; ``""`` where it does not. It integrates nothing if ``guess`` was called."""

@@ -11,7 +11,7 @@ from multirod.capabilities import Parts
 from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Left, Outcome
 from multirod.solvers.continuation.natural import let_go, natural_branch
-from multirod.solvers.continuation.pace import UNASKED
+from multirod.solvers.continuation.pace import ROUNDED_OFF, UNASKED
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.following.walk import NOISY
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 # by which a loose network may end that no other way led to a result
 WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
+LARGEST = 700.0  # exponent of a number
 # of each instance, beside its outcome, where loads could not be raised further
 KNOWN = ("handed", "tried", "ends", "unbounded", "slack")
 
@@ -126,6 +127,7 @@ class ColdStart:
             return self.outcome
         if self.options.fallback and self.problem.rounding > DOUBLE_ROUNDING and self.problem.parts is not None:
             return self._in_double(self.problem.parts)
+        self._leave_beyond_rounding()
         crept = self.lost & self.handed
         with self._searching():
             self._released().begin(self.lost & np.isin(self.outcome.status, WITHOUT_REASON))
@@ -193,6 +195,16 @@ class ColdStart:
         steps = self.options.max_continuation_steps
         self.unbounded = let_out(problem, newton, outcome, at_end, lambda some: natural_branch(problem, newton, steps, some))
         outcome.status[self.unbounded] = Status.LINES_TOO_SHORT  # no fold or bifurcation to be followed
+
+    def _leave_beyond_rounding(self) -> None:
+        """What no way by integrations from the base leads to, as rounding there is far beyond the tolerance where rods end."""
+        if self.problem.segments is not None or not self.lost.any():
+            return
+        growth = np.exp(np.minimum(self.problem.least_growth(), LARGEST))
+        noise = np.finfo(float).eps * growth * np.abs(self.ends).max(axis=1)
+        beyond = self.lost & (noise > ROUNDED_OFF * self.newton.tolerance())
+        self.outcome.status[beyond] = self.tried[beyond] = Status.STALLED
+        self.chosen = self.chosen & ~beyond
 
     def _released(self) -> Releasing:
         return Releasing(self.options, self.problem, self.newton, self.outcome)
