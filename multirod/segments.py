@@ -280,7 +280,7 @@ class Segments(ABC):
         """States, each of an instance, led on by variations, shape (count, state_size)."""
 
     @abstractmethod
-    def growth(self, found: Propagation) -> FloatArray:
+    def growth(self, cuts: Cuts, found: Propagation) -> FloatArray:
         """How much each segment amplifies a variation, in units in which that is least, shape (segment_count,)."""
 
     @abstractmethod

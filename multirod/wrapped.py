@@ -245,8 +245,8 @@ class WrappedSegments(Segments):
     def moved(self, instances: IntArray, states: FloatArray, variations: FloatArray) -> FloatArray:  # noqa: D102
         return self.inner.moved(instances, states, variations)
 
-    def growth(self, found: Propagation) -> FloatArray:  # noqa: D102
-        return self.inner.growth(found)
+    def growth(self, cuts: Cuts, found: Propagation) -> FloatArray:  # noqa: D102
+        return self.inner.growth(cuts, found)
 
     def tip_pose(self, cuts: Cuts, found: Propagation) -> tuple[FloatArray, FloatArray]:  # noqa: D102
         return self.inner.tip_pose(cuts, found)

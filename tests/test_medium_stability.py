@@ -101,7 +101,7 @@ def test_segments_tell_what_an_integration_from_the_base_does(monkeypatch):
 def test_derivatives_of_a_branch_in_segments(monkeypatch):
     """Where no gap is left, against differences; states are turned by some tenths from those where the branch begins."""
     monkeypatch.setattr(along, "AMPLIFIED", 0.0)
-    monkeypatch.setattr(equilibria, "GROWTH", 3.0)
+    monkeypatch.setattr(equilibria, "GROWTH", 1.5)
     robot = strip((300.0, 200.0, 100.0), precurvature=(2.0, 4.0, 1.0))
     solver = mr.Shooting(integrator=mr.RK4(60))
     inputs = robot.inputs(tip_force=(1.0, 0.5, -2.0))

@@ -193,7 +193,9 @@ LOADS = {
 @pytest.mark.parametrize("given", LOADS)
 def test_segments_lead_where_one_integration_leads(given, monkeypatch):
     """Cut in more than ten, sections and profiles cut across: the same unknowns and the same tip, under every load."""
-    monkeypatch.setattr(segmented_equilibria, "GROWTH", 1.05)
+    monkeypatch.setattr(
+        BackboneSegments, "growth", lambda _, cuts, found: (cuts.end - cuts.start) / 0.02 * segmented_equilibria.GROWTH
+    )
     sections = [
         mr.Section(
             length=0.15, bending_stiffness=(0.22, 0.25), torsional_stiffness=0.06, precurvature=(8, 3, 0), linear_density=0.03
@@ -759,6 +761,19 @@ def test_cuts():
     second = cuts.chosen(~first)
     assert second.instances.tolist() == [5]
     assert cuts.put(~first, second).start.tolist() == cuts.start.tolist()
+
+
+@pytest.mark.parametrize("force", [4e-5, 4e-3])
+def test_segments_are_no_shorter_where_a_rod_is_far_stiffer_one_way(force):
+    """Turned with its precurvature, a moment about the stiff axis is a large curvature about the soft one: that is a matter of
+    units, and no segment is too short for it. ``STEP_LIMIT`` before."""
+    rod = mr.Rod(length=0.16, bending_stiffness=(8e-6, 0.8), torsional_stiffness=1e-6, precurvature=(400, -50, 270))
+    robot = mr.SingleRod(rod)
+    inputs = robot.inputs(tip_force=force * np.array([0.6, -0.6, 0.5]))
+    segments = mr.solve(robot, inputs, solver=MultipleShooting()).raise_if_failed()
+    shooting = mr.solve(robot, inputs, solver=mr.Shooting(tolerance=1e-6)).raise_if_failed()
+    # where single shooting leaves 1e-6 1/m, a rod of 0.16 m
+    np.testing.assert_allclose(segments.tip_position, shooting.tip_position, rtol=0, atol=0.16**2 * 1e-6)
 
 
 def test_growth_is_the_largest_singular_value_and_none_where_numbers_are_lost():

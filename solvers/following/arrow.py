@@ -61,7 +61,9 @@ class Arrow:
         beside = np.where(own[:, :, None], both[:, rows[:, :, None], self.border], 0.0)
         signs = np.linalg.slogdet(blocks)[0].prod(axis=1) * np.linalg.slogdet(corner)[0]
         inverse, last = inverses(blocks.reshape(-1, *blocks.shape[2:])).reshape(blocks.shape), inverses(corner)
-        return ArrowInverse(self, inverse, -inverse @ (beside @ last[:, None]), last, self._sign * signs)
+        with np.errstate(invalid="ignore", over="ignore"):  # of what is all but singular
+            coupled = -inverse @ (beside @ last[:, None])
+        return ArrowInverse(self, inverse, coupled, last, self._sign * signs)
 
     def told(self, gamma: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """The forces of each leg in ``Gamma``, (k, n, n), by its own columns and by the platform's, then those on the platform

@@ -320,7 +320,7 @@ class SegmentedEquilibria:
             if (open_ := ~checked[on]).any():
                 coarse[open_[owner]] = self._coarse(here.chosen(open_), level[on][open_])
             finer = np.logical_or.reduceat(coarse, cuts.first[:-1])
-            long = (self.segments.growth(here.found) > GROWTH) | (cuts.steps > MOST_STEPS)
+            long = (self.segments.growth(cuts, here.found) > GROWTH) | (cuts.steps > MOST_STEPS)
             long &= ~finer[owner] & (self._fault[mine] == 0)[owner]
             crowded = np.logical_or.reduceat(long, cuts.first[:-1]) & (cuts.counts > MOST_SEGMENTS)
             self._fault[mine[crowded]] = int(Fault.STEP_LIMIT)

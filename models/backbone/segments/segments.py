@@ -13,7 +13,7 @@ from multirod.kernels.warp_types import Struct
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_whole, residuals_of, unknowns_of
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
-from multirod.models.backbone.segments.growth import largest_singular_value
+from multirod.models.backbone.segments.growth import amplified
 from multirod.models.backbone.segments.room import NodeRooms, Room
 from multirod.models.backbone.segments.working import by_work, held_form, work
 from multirod.models.backbone.stability.condensing.by_places import form_by_places
@@ -146,13 +146,8 @@ class BackboneSegments(Segments):
         angle = self.problem.read("inputs")[instances, self.problem.input_slice("rotation")]
         return np.asarray(matrices(angle * [0.0, 0.0, 1.0]))
 
-    def growth(self, found: Propagation) -> FloatArray:  # noqa: D102
-        # rotation to moment and back may each be scaled at the cost of the other: their geometric mean is what is left
-        count = len(found.transition)
-        blocks = found.transition[:, :6, :6].reshape(count, 2, 3, 2, 3).swapaxes(2, 3)
-        norm = largest_singular_value(blocks.reshape(-1, 3, 3)).reshape(count, 2, 2)
-        with np.errstate(over="ignore"):
-            return np.asarray(np.maximum(np.maximum(norm[:, 0, 0], norm[:, 1, 1]), np.sqrt(norm[:, 0, 1] * norm[:, 1, 0])))
+    def growth(self, cuts: Cuts, found: Propagation) -> FloatArray:  # noqa: D102
+        return amplified(found.transition[:, :6, :6], self._stiffness[cuts.instances[cuts.owner]])
 
     def _quaternions(self, states: FloatArray) -> FloatArray:
         """Frames of states as unit quaternions (count, 4)."""
