@@ -7,6 +7,7 @@ import pytest
 
 import multirod as mr
 from multirod.budget import Budget, Spent
+from multirod.status import Fault
 
 CHECKS = 10  # integrations on top, that judge a result or tell what is left of the residual
 LIMIT = mr.Status.INTEGRATION_LIMIT
@@ -236,3 +237,17 @@ def test_a_branch_is_given_up_whose_pace_would_not_do() -> None:
     walk._give_up(np.arange(2))
     assert walk.on.tolist() == [False, True, True]
     np.testing.assert_array_equal(walk.passed, [0.5, 0.5, 0.5])
+
+
+def test_an_integration_whose_steps_no_longer_lead_on_ends() -> None:
+    """Where a line's law gives out, steps became shorter than rounding and were taken, 65,536 of them."""
+    lines = [mr.Tendon((x, 0), driven="displacement", axial_stiffness=200.0) for x in (0.006, -0.006)]
+    rod = mr.Rod(length=0.1943, bending_stiffness=0.01, torsional_stiffness=0.0077, axial_stiffness=2000.0, lines=lines)
+    end = np.eye(4)
+    end[:3, 3] = 0.02, 0, 0.19
+    robot = mr.HeldRod(rod, end=end)
+    problem = robot.problem(robot.inputs(displacement=3e-4), integrator=mr.RK45())
+    force = (-26.974505721677236, 46.74682786290613, 514.8505825439034)
+    problem.evaluate(np.array([[0, 33.19200644341869, 0, *force, 0, 2695.1995236024986]]))
+    assert problem.fault.numpy() == Fault.STRAIN_LAW
+    assert problem.step_count.numpy() < 1000

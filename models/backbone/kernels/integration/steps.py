@@ -14,6 +14,8 @@ from multirod.models.backbone.kernels.numbers.lanes import add, div, lanes, mul,
 
 LONGER, SHORTER = 5.0, 0.2  # most by which a step may grow or shrink
 SAFETY = 0.9
+TINY = {wp.float64: 1e-300, wp.float32: 1e-36}  # a step as small as that has failed
+ROUNDED = {wp.float64: 1e-16, wp.float32: 5e-8}  # and one that is this part of where it begins, which moves nothing
 CUT = 1.01  # a step that ends so near before the end of the stretch goes to it
 # longest step by which waves of the columns are followed, and of what it is the least, in lengths of the rod
 WAVE, SHORTEST_WAVE = 0.6, 1e-3
@@ -199,6 +201,11 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
             column_steps(memory, o, taken * step, count)
 
     @wp.func
+    def least_size(memory: memory_type, o: int) -> Real:
+        """A step that is shorter leads nowhere."""
+        return fill(d(wp.static(TINY[d]))) + d(wp.static(ROUNDED[d])) * row(memory, o + wp.static(X))
+
+    @wp.func
     def record_here(memory: memory_type, o: int):
         """The record of the place where each lane stands."""
         b = read_state(memory, o + wp.static(STATE))
@@ -215,4 +222,7 @@ def make_steps(layout: Layout, memory: Memory, tableau: Tableau, rate: SimpleNam
         write_last(memory, o + wp.static(Z + LAST_AT), last)
 
     place_here = record_aside if LAST else record_here
-    return SimpleNamespace(equal_step=equal_step, controlled_step=controlled_step if ADAPTIVE else None, place_here=place_here)
+    return SimpleNamespace(
+        equal_step=equal_step, controlled_step=controlled_step if ADAPTIVE else None, place_here=place_here,
+        least_size=least_size,
+    )  # fmt: skip

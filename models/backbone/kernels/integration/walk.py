@@ -44,7 +44,6 @@ from multirod.status import Fault
 f64 = wp.float64
 SCALARS = {"float64": wp.float64, "float32": wp.float32}
 NEVER = 1e30  # steps left of a lane that waits
-TINY = {wp.float64: 1e-300, wp.float32: 1e-36}  # a step as small as that has failed
 BESIDE_BASE = 1e-9  # of the length
 SMALL_MOMENT = 1e-3  # [N m], or natural units in single precision: keeps the first step finite without a moment
 
@@ -69,7 +68,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
     output_arclength, rod_end, n = grid.output_arclength, grid.rod_end, layout.n
     write_node, write_node_column = nodes.write_node, nodes.write_node_column
     state_in, frame, equal_step, place_here = record.state_in, tip.frame, step.equal_step, step.place_here
-    controlled_step = step.controlled_step or equal_step
+    controlled_step, least_size = step.controlled_step or equal_step, step.least_size
     ADAPTIVE = step.controlled_step is not None
     GIVEN_FORCE, DIRECTIONS, FORCE_ACTS = layout.GIVEN_FORCE, layout.DIRECTIONS, layout.FORCE
     s, g, NODES, NODE_COLUMNS = layout.steps, layout.given, layout.NODES, features.node_columns
@@ -228,7 +227,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
                 fault = int(wp.static(int(Fault.NONE)))
                 if f64(get_lane(memory, o + wp.static(COUNT), l)) >= f64(call.step_limit):
                     fault = int(wp.static(int(Fault.STEP_LIMIT)))
-                if not (get_lane(memory, o + wp.static(SIZE), l) >= d(wp.static(TINY[d]))):
+                if not (get_lane(memory, o + wp.static(SIZE), l) >= one_of(least_size(memory, o), l)):
                     fault = int(wp.static(int(Fault.NONFINITE)))
                 if fault != wp.static(int(Fault.NONE)):
                     fault = cause(memory, o, l, fault)
@@ -249,7 +248,7 @@ def make_parts(features: Features, tableau: Tableau, precision: str, W: int) -> 
         """One step in every lane."""
         if wp.static(ADAPTIVE):
             controlled_step(memory, o, call.part_columns, d(call.rtol), d(call.atol), d(wp.static(SMALL_MOMENT)))
-            small = any_less(row(memory, o + wp.static(SIZE)), fill(d(wp.static(TINY[d]))))
+            small = any_less(row(memory, o + wp.static(SIZE)), least_size(memory, o))
             if small or any_less(fill(d(call.step_limit) - d(0.5)), row(memory, o + wp.static(COUNT))):
                 check(call, memory, o, p)
         else:
