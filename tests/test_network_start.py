@@ -46,6 +46,23 @@ def test_a_body_on_a_rod_that_is_rigid_in_torsion_is_put_together():
     np.testing.assert_allclose(found.tip_position, np.stack([expected.tip_position] * 2), rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("count", [2, 3, 6])
+def test_clamped_legs_that_are_rigid_in_torsion_are_put_together(count):
+    """As beams, as of `ParallelRods`: taken apart they answer no torque that they hold among each other, and were `STALLED`."""
+    leg = mr.Rod(length=0.5, bending_stiffness=0.02, torsional_stiffness=np.inf, axial_stiffness=1e4)
+    angles, plate = 360 * np.arange(count) / count, mr.Body("plate")
+    base, tips = circle(angles, 0.1), circle(angles, 0.08)
+    joints = [mr.Joint(f"leg {k}", "base", to=mr.ground, pose=base[k]) for k in range(count)]
+    joints += [mr.Joint(f"leg {k}", "tip", to=plate, pose=tips[k]) for k in range(count)]
+    robot = mr.Network(rods={f"leg {k}": leg for k in range(count)}, bodies=[plate], joints=joints)
+    found = mr.solve(robot, robot.inputs(force={"plate": (0.1, 0, 0.05)}), solver=EXACT).raise_if_failed()
+    alike = mr.ParallelRods(legs=[leg] * count, base=base, platform=tips)
+    expected = mr.solve(alike, alike.inputs(tip_force=(0.1, 0, 0.05)), solver=EXACT).raise_if_failed()
+    assert (found.status, found.stability) == (mr.Status.CONVERGED, mr.Stability.STABLE)
+    assert found.integrations <= 20
+    np.testing.assert_allclose(found.tip_position, expected.tip_position, rtol=0, atol=1e-9)
+
+
 def test_rods_on_bodies_are_integrated_apart_from_those_on_the_ground_or_with_them(monkeypatch):
     """Whichever takes fewer columns: to the same residual and ``Gamma``."""
     found = []

@@ -275,7 +275,9 @@ class NetworkJoints(Joints):
         sound = np.zeros(problem.instance_count, dtype=bool)
         integrations = np.full(problem.instance_count, problem.guess_integrations)
         with problem.closing.unloaded(), np.errstate(all="ignore"):
-            far = self._as_beams(np.isfinite(first), unknowns, residual, sound, integrations)
+            # what shares torques that rods rigid in torsion do not answer gives way as beams alone
+            rigid = any(group.backbones.sizes.rigid_in_torsion for group in problem.groups)
+            far = self._as_beams(np.isfinite(first) | rigid, unknowns, residual, sound, integrations)
             self._by_newton(~sound & np.isfinite(first), step, unknowns, residual, sound, integrations)
         self.shut()
         problem.closing.opening[:] = np.where(sound[:, None], residual, 0.0)
