@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.batch import IntArray
 from multirod.models.held.costless import AXIS, acting, force_along, on_axis, straight_at_rest
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
+from multirod.problem import BegunAgain
 from multirod.rotations import cross, leading_axis, matrices
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -25,6 +25,8 @@ BESIDE, BESIDE_BEND = 1e-2, 0.1
 SLIGHT = 1e-3  # of EI/L: torques about the axis by which the rest of it then draws a rod to a side
 STIFF, FAR = 1e-2, 10.0  # largest strain at its critical load of a rod that begins buckled, and times which it is shortened
 BEYOND = 2.0  # times which it is shortened that begins so where another way came to an end
+BENT, LED = 1, 2  # how what came to an end begins again: bent, and led further beside the axis
+NEARLY, FURTHER = 1e-4, 3.0  # of the way, of which no more is left of that, and times as far beside the axis
 STIFF_IN_MEDIUM = 2e-3  # the same where another mode is the first, whose event is not told
 ELEMENTS = 48  # of a rod that is not equally stiff all along: its critical load is off by 0.2 %
 PARTS = np.array([0.5, *[1.0] * (ELEMENTS - 1), 0.5])  # of an element that stand where each ends
@@ -255,7 +257,9 @@ def drawn_beside(problem: "HeldProblem") -> FloatArray:
     drive = np.linalg.norm(pull, axis=1)[:, None]
     moment, _, torque, _, field = acting(problem).T
     told = torque | field | (moment & (holders.joint != CLAMPED))
-    near = (size < np.minimum(BESIDE, BESIDE_BEND * root)) & (np.linalg.norm(tilt, axis=1)[:, None] < BESIDE) & (drive < SLIGHT)
+    most = np.where(problem.bends == LED, FURTHER, 1.0)[:, None]
+    near = (size < most * np.minimum(BESIDE, BESIDE_BEND * root)) & (np.linalg.norm(tilt, axis=1)[:, None] < BESIDE)
+    near &= drive < SLIGHT
     near &= (size > 0) | tilt.any(axis=1)[:, None]
     chosen = near[:, 0] & problem.alike & ~told & (tangent[:, 2] > 0) & (holders.slide is None) & ~on_axis(problem)
     stiffness = problem.rod.each(problem.rod.arrays.material[:, 0, :, :3].mean(axis=1))
@@ -311,16 +315,17 @@ def pushed_far(problem: "HeldProblem", end: FloatArray, far: float = FAR) -> NDA
     return np.asarray(stiff & (short > far * strain) & straight_at_rest(problem))
 
 
-def begin_bent(problem: "HeldProblem", status: NDArray[np.int32]) -> tuple[NDArray[np.bool_], FloatArray, IntArray | int] | None:
-    """As ``BoundaryProblem.begin_again``: what is pushed far beyond where it buckles, and came to an end on the way there, from
-    where it is bent, as rods begin that do not give way."""
+def begin_bent(problem: "HeldProblem", status: NDArray[np.int32], reached: FloatArray, tried: int) -> BegunAgain | None:
+    """As ``BoundaryProblem.begin_again``: first what is pushed far beyond where it buckles, and came to an end on the way there,
+    from where it is bent, as rods begin that do not give way; then what came nearly to its end, whose end stands further beside
+    the axis than (32) is right to the first order, led as those nearer to it."""
     assert problem._begun is not None  # or nothing came to an end
-    some = (
-        np.isin(status, (Status.STALLED, Status.BRANCH_END))
-        & ~problem._begun[1].bent
-        & pushed_far(problem, problem.goal()[0], BEYOND)
-    )
-    if not some.any():
-        return None
-    problem.bends |= some
-    return some, problem.guess(), problem.guess_integrations
+    some, before = np.isin(status, (Status.STALLED, Status.BRANCH_END)), problem.bends.copy()
+    if tried:
+        some &= (reached > 1 - NEARLY) & ~problem.led
+        problem.bends[some] = LED
+        some &= drawn_beside(problem).any(axis=1)
+    else:
+        some &= ~problem._begun[1].bent & pushed_far(problem, problem.goal()[0], BEYOND)
+    problem.bends[:] = np.where(some, LED if tried else BENT, before)
+    return (some, problem.guess(), problem.guess_integrations) if some.any() else None

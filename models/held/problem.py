@@ -32,7 +32,7 @@ from multirod.models.held.segments import HeldBackbone, HeldSegments
 from multirod.models.held.stability import HeldStability
 from multirod.models.held.start import INTEGRATIONS_AT_REST, Begun, begin, begun_without_medium
 from multirod.models.held.table import make_table
-from multirod.problem import Block, BoundaryProblem
+from multirod.problem import BegunAgain, Block, BoundaryProblem
 from multirod.rotations import left_jacobian, matrices
 from multirod.segments import Breakpoints
 from multirod.validation import FloatArray
@@ -91,7 +91,7 @@ class HeldProblem(BoundaryProblem):
         }
         self.rounding = self.rod.rounding
         self._natural: FloatArray | None = None
-        self.bends = np.zeros(self.instance_count, dtype=bool)  # which begin bent though they would give way
+        self.bends = np.zeros(self.instance_count, dtype=np.int32)  # BENT: begins so, though it would give way; LED: and is led
         self._begun: tuple[object, Begun] | None = None  # as ``guess`` found it, and at which inputs
         base, end = (np.array(np.broadcast_to(own, (*shape, 4, 4)).reshape(-1, 4, 4)) for own in (holders.base, holders.end))
         self.base_frame, self.end_position, self.end_frame = base[:, :3, :3], end[:, :3, 3], end[:, :3, :3]
@@ -234,7 +234,7 @@ class HeldProblem(BoundaryProblem):
             return False
         self._clear()
         self.rod._clear()
-        self.inputs_given, self._natural, self._begun, self.bends[:] = inputs, None, None, False
+        self.inputs_given, self._natural, self._begun, self.bends[:] = inputs, None, None, 0
         self.write("inputs", self.pack(inputs))
         hold_bases_alone(self)
         return True
@@ -304,10 +304,8 @@ class HeldProblem(BoundaryProblem):
         self._natural = np.minimum(1.0, begun.least)
         return np.array(begun.unknowns)
 
-    def begin_again(  # noqa: D102
-        self, status: NDArray[np.int32], reached: FloatArray
-    ) -> tuple[NDArray[np.bool_], FloatArray, IntArray | int] | None:
-        return begin_bent(self, status)
+    def begin_again(self, status: NDArray[np.int32], reached: FloatArray, tried: int) -> BegunAgain | None:  # noqa: D102
+        return begin_bent(self, status, reached, tried)
 
     def know_rest(self) -> None:
         """Have it found where the end of the rod at rest is, where no ``guess`` has."""

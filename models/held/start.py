@@ -152,7 +152,7 @@ def begin(problem: "HeldProblem") -> Begun:
             start = bent_rods(problem, x, aside)
             far = start.twofold & pushed_far(problem, start.end) & ~stuck & ~led
             passed = _passed(problem, start, far & ~loaded(problem) & ~by_place.any(axis=1))
-            stuck |= far | (problem.bends & ~led)
+            stuck |= far | ((problem.bends > 0) & ~led)
         if stuck.any():
             x = np.where(stuck[:, None], start.unknowns, x)
             problem.table.direct.assign((stuck & start.direct).astype(np.int32))

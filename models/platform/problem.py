@@ -39,7 +39,7 @@ from multirod.models.platform.starting.closing import Closing
 from multirod.models.platform.starting.guess import Attachments, rotation_vectors
 from multirod.models.platform.starting.released import ReleasedPlatforms
 from multirod.models.platform.starting.starts import PlatformJoints, PlatformStarts
-from multirod.problem import Block, BoundaryProblem
+from multirod.problem import BegunAgain, Block, BoundaryProblem
 from multirod.rotations import matrices
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -178,9 +178,9 @@ class ParallelProblem(BoundaryProblem):
     def joints(self) -> PlatformJoints:  # noqa: D102
         return PlatformJoints(self)
 
-    def begin_again(self, status: NDArray[np.int32], reached: FloatArray) -> tuple[NDArray[np.bool_], FloatArray, int] | None:
+    def begin_again(self, status: NDArray[np.int32], reached: FloatArray, tried: int) -> BegunAgain | None:
         """What is undetermined where it begins, with tips that give way: loads may bend it, which determines it."""
-        some = (status == Status.UNDETERMINED) & (reached == 0)
+        some = (status == Status.UNDETERMINED) & (reached == 0) & (tried == 0)
         return (some, *self.joints.give_way(some)) if some.any() else None
 
     @property

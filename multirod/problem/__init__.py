@@ -9,7 +9,7 @@ from multirod.problem.boundary import (
 )
 from multirod.problem.buffers import FEW, SMALL, Buffers
 from multirod.problem.inputs import PosesSensed, Sensing
-from multirod.problem.offers import STILL, neutral_ways
+from multirod.problem.offers import STILL, BegunAgain, neutral_ways
 from multirod.problem.shapes import LineShape, Shape, nodes_of_pieces
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "SMALL",
     "STILL",
     "TOLERANCE",
+    "BegunAgain",
     "Block",
     "BoundaryProblem",
     "Buffers",

@@ -19,6 +19,7 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.results.events import BranchEvent
 
+BegunAgain = tuple[NDArray[np.bool_], FloatArray, NDArray[np.integer[Any]] | int]
 NEUTRAL_VALUE = 1e-12  # of the largest singular value of Gamma: with less, straight rods answer a force along themselves
 STILL = 1e-6  # of a change of unknowns (norm 1): those that change by less do not
 
@@ -142,16 +143,15 @@ class Offers(Buffers):
         (instance_count,)."""
         return np.zeros(self.instance_count, dtype=bool)
 
-    def begin_again(
-        self, status: NDArray[np.int32], reached: FloatArray
-    ) -> tuple[NDArray[np.bool_], FloatArray, NDArray[np.integer[Any]] | int] | None:
+    def begin_again(self, status: NDArray[np.int32], reached: FloatArray, tried: int) -> BegunAgain | None:
         """Where the way to the full load may begin otherwise than by ``guess``, of instances that ended so, at these parts of it.
+        It is asked twice, ``tried`` 0 and 1 times before.
 
         Returns:
             Which instances; unknowns (instance_count, n) that are an equilibrium of them at a ``load_factor`` of 0; how many
             integrations that took. None if there are none, as by default.
         """
-        del status, reached
+        del status, reached, tried
         return None
 
     def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -19,6 +19,7 @@ FINER = 16  # times shorter steps, where a branch led to an unstable equilibrium
 UNLOADED = 1e-9  # of ``EI/L^2``: loads that are none, and gaps that are closed
 AT_END = 1e-5  # of the way, that is left where ends of rods hardly give way
 NEARLY = 1e-4  # of the way, of which the rest may be in one
+BEGINNINGS = 2  # elsewhere, of what came nowhere
 AT_ONCE, HARDLY = 6, 1e-2  # integrations for that rest, and of the unknowns by which it may move
 CONVERGED = int(Status.CONVERGED)  # NumPy compares with a number at once, and takes its time with a member of ``Status``
 
@@ -56,7 +57,8 @@ def natural_branch(
     if lost.any():
         _say_what_is_lost(problem, outcome, lost)
         _end_at_once(problem, newton, outcome)
-        _begin_again(problem, newton, max_steps, bounds, outcome)
+        for tried in range(BEGINNINGS):
+            _begin_again(problem, newton, max_steps, bounds, outcome, tried)
     return outcome
 
 
@@ -101,11 +103,13 @@ def _end_at_once(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> 
     outcome.status[there], outcome.reached[there] = CONVERGED, 1.0
 
 
-def _begin_again(problem: BoundaryProblem, newton: Newton, max_steps: int, bounds: FloatArray, outcome: Outcome) -> None:
-    """From elsewhere, of what came nowhere."""
+def _begin_again(
+    problem: BoundaryProblem, newton: Newton, max_steps: int, bounds: FloatArray, outcome: Outcome, tried: int
+) -> None:
+    """From elsewhere, of what came nowhere, though that was ``tried`` so often."""
     assert outcome.reached is not None  # of paths
     with problem.led_on():
-        found = problem.begin_again(outcome.status, outcome.reached)
+        found = problem.begin_again(outcome.status, outcome.reached, tried)
         if found is None:
             return
         some, unknowns, taken = found
