@@ -4,13 +4,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from multirod import plausibility
 from multirod.batch import IntArray, broadcast_shapes
+from multirod.designs import Designs
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec
 from multirod.naming import INPUTS_NAMED, OF_ROBOTS, Asked, hinted, unknown_names
@@ -50,7 +50,7 @@ class Backbone:
     holes: int = 0
 
 
-class Assembly(Asked, ReadOnly, ABC):
+class Assembly(Asked, Designs, ReadOnly, ABC):
     """Rods, how they are coupled, and what actuates them. Knows nothing of solvers.
 
     Attributes:
@@ -299,20 +299,6 @@ class Assembly(Asked, ReadOnly, ABC):
             device=device,
             progress=progress,
         )
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write the robot to a file, to be read by ``mr.load(path)`` (``docs/files.md``).
-
-        Args:
-            path: File to write, ``.toml`` (text, with units) or ``.npz``; an existing one is replaced.
-
-        Raises:
-            ValueError: If it has another ending, or the robot is, or has, something of another package; or, of text, something
-                that is a function of arclength.
-        """
-        from multirod.files.saving import save_robot
-
-        save_robot(path, self)
 
     def _repr_html_(self) -> str:
         from multirod.results import html

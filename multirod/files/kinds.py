@@ -86,6 +86,15 @@ UNITS = {
     "rest": "rad",
     "at": "m",
 }
+AXES_OF_ONE = {  # of arguments with leading axes: how many the value of one instance has
+    **dict.fromkeys(
+        ("length", "torsional_stiffness", "axial_stiffness", "linear_density", "outer_diameter", "inner_diameter"), 0
+    ),
+    **dict.fromkeys(("young_modulus", "shear_modulus", "friction", "area"), 0),
+    **dict.fromkeys(("bending_stiffness", "shear_stiffness", "precurvature", "magnetisation", "foundation", "offset"), 1),
+    **dict.fromkeys(("base", "end", "pose"), 2),
+}
+OWN_AXES = {("ParallelRods", "base"): 3, ("ParallelRods", "platform"): 3, ("PushRod", "bending_stiffness"): 0}  # where others
 EQUAL = ("bending_stiffness", "shear_stiffness", "foundation")  # one number for all their axes will do
 BY_NAME = (("Body", "frames"), ("Network", "segments"))  # arguments that are mappings of names to numbers
 OF_A_KIND = ("Joint",)  # that has an argument of this name: its table needs no class, which goes without saying

@@ -14,9 +14,7 @@ from multirod.results.events import BranchEvent
 from multirod.results.scene import Scene
 from multirod.solver import Outcome
 from multirod.status import Status, Statuses, failures
-from multirod.types import (
-    StatusOrArray,
-)
+from multirod.types import StatusOrArray
 from multirod.validation import FloatArray, Kind, frozen
 
 if TYPE_CHECKING:
@@ -59,13 +57,21 @@ class Found(Undecided, ReadOnly, Generic[Robot_co]):
 
     @property
     def assembly(self) -> Robot_co:
-        """The robot."""
+        """What was solved: of some instances of a batch of designs, ``solution[index]``, all of these designs."""
         return self._scene.assembly
 
-    @property
+    @cached_property
     def robot(self) -> Robot_co:
-        """The robot, as ``assembly``."""
-        return self._scene.assembly
+        """The robot: of some instances of a batch of designs theirs alone, with the solution's leading axes.
+
+        Raises:
+            ValueError: If there are fewer than all, and the robot is, or has, something of another package.
+        """
+        if self._instances is None or not self.assembly.batch_shape:
+            return self.assembly
+        from multirod.files.instances import of_instances
+
+        return of_instances(self.assembly, self._axes, self._instances.reshape(self.batch_shape))
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
@@ -112,6 +118,16 @@ class Found(Undecided, ReadOnly, Generic[Robot_co]):
     @cached_property
     def _failed(self) -> NDArray[np.bool_]:
         return failures(self._outcome.status.reshape(-1))
+
+    @property
+    def load_factor(self) -> FloatArray:
+        """Part of the loads that was reached, from none to all at once, shape (...): 1 where there is a result.
+
+        Where there is none because a branch ended, as by ``Shooting(at_fold="stop")``, where it did; in a motion it is the part
+        of the way from the last sample. NaN where loads were not raised.
+        """
+        reached = np.nan if self._outcome.reached is None else self._outcome.reached.reshape(-1)
+        return np.asarray(self._shaped(np.where(self._failed, reached, 1.0)))
 
     def _masked(self, values: FloatArray, tail: tuple[int, ...]) -> FloatArray:
         failed = self._failed

@@ -15,17 +15,7 @@ from multirod.results import derivatives
 from multirod.results.remarks import Remarks
 from multirod.results.wrenches import Wrenches
 from multirod.status import Status
-from multirod.types import (
-    AxesGiven,
-    AxesOrArray,
-    Index,
-    Name,
-    Named,
-    Numbers,
-    Parameter,
-    Quantity,
-    SaveOptions,
-)
+from multirod.types import AxesGiven, AxesOrArray, Index, Name, Named, Numbers, Parameter, Quantity, SaveOptions
 from multirod.validation import FloatArray
 
 _OTHER_NAMES = {
@@ -47,6 +37,8 @@ _OTHER_NAMES = {
     **dict.fromkeys(("platform_position", "platform_rotation", "platform_pose"), "tip_position and tip_rotation, the platform's"),
     **dict.fromkeys(("leg", "tube"), "rod(0), by its number or its name"),
     **dict.fromkeys(("leg_force", "leg_forces", "leg_wrench", "leg_wrenches"), 'wrench(leg, "tip"), of each leg on the platform'),
+    **dict.fromkeys(("error", "errors", "accuracy", "error_estimate"), "tip_error, in metres, or residual"),
+    **dict.fromkeys(("reached", "part", "load_level", "load_factor_reached"), "load_factor"),
     **dict.fromkeys(("is_stable", "stable"), "stability"),
     **dict.fromkeys(("displacement", "displacements", "line_lengths"), "line_length, or inputs.displacement"),
     **dict.fromkeys(("tensions", "line_tension", "line_tensions"), "tension"),
@@ -348,10 +340,10 @@ class Solution(Asked, Wrenches[Robot_co]):
             where = ""
             if failed.size > 1:
                 where = f"{failed.sum()} of {failed.size} instances failed ({self._counts(failed)}); the first is {first}: "
-            reached = self._outcome.reached
+            reached = float(self.load_factor.reshape(-1)[first])
             named = self._named(status, first)
             beyond = self.assembly.beyond_limits(self, first) if status is Status.OUT_OF_LIMITS else ""
-            part = "" if reached is None else f", {reached.reshape(-1)[first]:.1%} of the load reached"
+            part = "" if np.isnan(reached) else f", {reached:.1%} of the load reached"
             raise SolveError(
                 f"{where}{status.name} after {self._outcome.iterations.reshape(-1)[first]} iterations, "
                 f"residual {self.residual.reshape(-1)[first]:.3g} 1/m{part}{beyond}: {status.message}{named}"

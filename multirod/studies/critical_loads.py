@@ -170,7 +170,11 @@ def critical_loads(
     for name, given in (("inputs", inputs), ("start", begin)):
         batch = np.broadcast_shapes(given.batch_shape, robot.batch_shape)
         if batch:
-            refuse(name, Described(f"leading axes {batch}"), "there must be none: ask for one instance at a time")
+            refuse(
+                name,
+                Described(f"leading axes {batch}"),
+                "there must be none: ask for one at a time, robot[0] of a batch of designs",
+            )
     if begin.profiles:
         refuse("start", Described(f"functions of arclength for {', '.join(begin.profiles)}"), "give numbers")
     budget = Budget(method.max_integrations)

@@ -137,7 +137,7 @@ def equilibria(
     batch = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
     if batch:
         refuse(
-            "inputs", Described(f"leading axes {batch}"), "there must be none: ask for the equilibria of one instance at a time"
+            "inputs", Described(f"leading axes {batch}"), "there must be none: ask for one at a time, robot[0] of many designs"
         )
     count = min(STARTS_IN_A_ROUND, positive_int("starts", starts))
     problem = robot.problem(_repeated(inputs, count), integrator=method.integrator, device=device)

@@ -2,7 +2,8 @@
 fewer starts find the same lowest equilibria.
 
 OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py                  batches of 10,000, with and without 1 % of hard ones: that
-                                                                      only segments solve, that buckle, and tubes that snap
+                                                                      only segments solve, that buckle, tubes that snap, and of
+                                                                      500 platforms, whose legs buckle
 OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py --extremes 5000  random extreme single rods, each alone
 OMP_NUM_THREADS=1 python tests/benchmarks/rescued.py --starts 25      random pairs of tubes, 150 turns of each, by fewer and
                                                                       more starts
@@ -79,17 +80,35 @@ def _turned(count: int, hard: IntArray, rng: np.random.Generator) -> Pair:
     return robot, {"rotation": easy}, {"rotation": mixed}
 
 
+def _platforms(count: int, hard: IntArray, rng: np.random.Generator) -> Pair:
+    """Platforms on six legs, pressed by up to 0.6 of what buckles them, and the same with a part of them under 1.1 to 2 of it."""
+    angles, leg = np.arange(6) * np.pi / 3, mr.Rod(length=LENGTH, bending_stiffness=EI, torsional_stiffness=0.7 * EI)
+    base, platform = np.zeros((2, 6, 4, 4)) + np.eye(4)
+    for ends, radius, turned in ((base, 0.15, 0.2), (platform, 0.08, -0.2)):
+        ends[:, 0, 3] = radius * np.cos(angles + turned * (-1.0) ** np.arange(6))
+        ends[:, 1, 3] = radius * np.sin(angles + turned * (-1.0) ** np.arange(6))
+    robot = mr.ParallelRods(legs=[leg] * 6, base=base, platform=platform)
+    critical = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -EI / LENGTH**2)))[0].load_factor * EI / LENGTH**2
+    easy = np.zeros((count, 3))
+    easy[:, 2] = -critical * rng.uniform(0, 0.6, count)
+    mixed = easy.copy()
+    mixed[hard, 2] = -critical * rng.uniform(1.1, 2, len(hard))
+    return robot, {"tip_force": easy}, {"tip_force": mixed}
+
+
 @meant()
 def batch(name: str, count: int, part: float) -> None:
     """One batch with and without what is hard, in turns."""
     rng = np.random.default_rng(0)
+    count //= FEW.get(name, 1)
     hard = rng.choice(count, int(part * count), replace=False)
     robot, easy, mixed = BATCHES[name](count, hard, rng)
-    seconds: dict[str, list[float]] = {"without": [], "with": []}
+    seconds: dict[str, list[float]] = {"without": [], "stopped at": [], "with": []}
     for k in range(4):
-        for which, given in (("without", easy), ("with", mixed)):
+        for which, given in (("without", easy), ("stopped at", mixed), ("with", mixed)):
+            solver = mr.Shooting(at_fold="stop" if which == "stopped at" else "follow")
             start = process_time()
-            solution = mr.solve(robot, robot.inputs(**given), threads=1, progress=False)
+            solution = mr.solve(robot, robot.inputs(**given), solver=solver, threads=1, progress=False)
             taken = process_time() - start
             if k == 0:
                 continue  # compiles
@@ -97,17 +116,20 @@ def batch(name: str, count: int, part: float) -> None:
             said = Counter(str(status) for status in map(mr.Status, solution.status))
             print(f"{count} {name}, {which} hard ones: {taken:.2f} s, {dict(said)}", flush=True)
     ratio = np.array(seconds["with"]) / seconds["without"]
-    each = 1e3 * (np.array(seconds["with"]) - seconds["without"]) / len(hard)
+    each, stopped = (1e3 * (np.array(seconds[which]) - seconds["without"]) / len(hard) for which in ("with", "stopped at"))
     print(f"| {count} {name}, {part:.0%} hard | ratio of processor times {np.median(ratio):.2f} ({ratio.min():.2f} to "
           f"{ratio.max():.2f}) | {np.median(each):.1f} ms a hard one ({each.min():.1f} to {each.max():.1f}), "
-          f"{solution.integrations[hard].mean():.0f} integrations |")  # fmt: skip
+          f"{solution.integrations[hard].mean():.0f} integrations; "
+          f"{np.median(stopped):.2g} ms where it is not followed |")  # fmt: skip
 
 
 BATCHES: dict[str, Callable[[int, IntArray, np.random.Generator], Pair]] = {
     "pulled rods": _pulled,
     "pressed strips": _pressed,
     "turned tubes": _turned,
+    "pressed platforms": _platforms,
 }
+FEW = {"pressed platforms": 20}  # of which there are so many times fewer
 
 
 @meant()

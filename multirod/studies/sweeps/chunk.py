@@ -34,9 +34,13 @@ FURTHER = (
     "event_load_factor",
     "gamma",
     "index",
+    "load_factor",
     "potential",
     "smallest_singular_value",
     "stability",
+    "stability_margin",
+    "stiffness",
+    "tip_error",
 )
 OF_EVENTS: dict[str, Callable[[tuple[BranchEvent, ...]], float]] = {
     "event_count": len,

@@ -54,8 +54,8 @@ def sweep(
         solver: ``Shooting()`` by default.
         chunk: Instances of a chunk.
         quantities: Kept besides status, residual, iterations, integrations, tip_position, tip_rotation, unknowns and the inputs:
-            any of boundary_residual, condition, determinant, energy, event_count, event_load_factor, gamma, index, potential,
-            smallest_singular_value, stability.
+            any of boundary_residual, condition, determinant, energy, event_count, event_load_factor, gamma, index, load_factor,
+            potential, smallest_singular_value, stability, stability_margin, stiffness, tip_error.
         executor: Where chunks are solved: in this process by default, on a ``concurrent.futures.Executor``, or on one made by
             this function, which is asked for another when the first breaks, and which are shut down in the end.
         in_flight: Chunks that the executor has at a time: at least twice its workers.
