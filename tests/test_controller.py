@@ -275,6 +275,10 @@ def test_without_inputs_it_begins_as_near_to_the_default_as_limits_allow():
         ),
         ({"limits": mr.Limits(translation=(-0.01, 0))}, ValueError, "Controller.limits .* at the start too"),
         ({"correction_time": -1.0}, ValueError, "Controller.correction_time = -1.0"),
+        ({"prefer": "slow"}, ValueError, "Controller.prefer = 'slow' .* must be one of 'start', 'smallest motion'"),
+        ({"prefer": "stability"}, ValueError, "Controller.prefer = 'stability' .* more than the integration of a sample"),
+        ({"prefer": "middle"}, ValueError, "Controller.prefer = 'middle' .* needs limits on both sides"),
+        ({"prefer": "smallest tension"}, ValueError, "Controller.prefer = 'smallest tension' .* needs tension to be free"),
         ({"guess": "straight"}, TypeError, "Controller.guess = 'straight' is not allowed: must be a Solution, not str"),
         ({"integrator": 50}, TypeError, r"Controller.integrator = 50 is not allowed: must be an Integrator, such as RK4\(50\)"),
     ],
@@ -486,6 +490,23 @@ def test_distances_are_told_apart_from_angles(pulled):
     for _ in range(20):
         command = loop.step(rotation=turned)
     assert 0.25 < command.target_angle < 0.35
+
+
+@pytest.mark.parametrize("prefer", ["smallest tension", "middle"])
+def test_lines_that_pull_against_each_other_go_where_reach_has_them(pulled, prefer):
+    robot, inputs = pulled
+    taut = robot.inputs(tension=np.array(inputs.tension) + 2.0)
+    first = mr.solve(robot, taut, solver=mr.Shooting(integrator=STEPS))
+    options = {"free": "tension", "prefer": prefer, "limits": mr.Limits(tension=(0, 12)), "guess": first}
+    loop = mr.Controller(robot, dt=0.01, integrator=STEPS, **options)
+    for _ in range(300):
+        command = loop.step(axis=first.tip_rotation[:, 2])
+        assert command.status is mr.Status.TRACKING
+    there = mr.reach(robot, mr.Pose(axis=first.tip_rotation[:, 2]), solver=mr.Shooting(integrator=STEPS), **options)
+    np.testing.assert_allclose(command.inputs.tension, there.inputs.tension, atol=2e-3)
+    assert np.abs(command.inputs.tension - taut.tension).max() > 1.0
+    found = mr.solve(robot, command.inputs, solver=mr.Shooting(integrator=STEPS), guess=command)
+    assert np.linalg.norm(np.cross(found.tip_rotation[:, 2], first.tip_rotation[:, 2])) < 1e-6
 
 
 def test_an_axis_half_a_turn_away_is_as_far_as_it_is(pulled):

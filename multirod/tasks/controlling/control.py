@@ -14,7 +14,7 @@ from multirod.launch import record
 from multirod.rotations import matrices
 from multirod.tasks.condensed import condensed
 from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, make_control
-from multirod.tasks.controlling.control_step_kernels import LONGEST, ON_TARGET, Control
+from multirod.tasks.controlling.control_step_kernels import LONGEST, MOST_PULL, ON_TARGET, Control
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
@@ -64,6 +64,7 @@ class ControlStep:
         weight: Of rows of the position and of angles, shape (2,).
         gains: (15) Of the offset and of its drift.
         watch: Of the stability of samples.
+        centre: Where what targets leave free is pulled to, shape (k,); None is nowhere.
         shaped: Rows of limits of the shape beside ``rows``, which ``limit_shape`` sets.
 
     Attributes:
@@ -79,12 +80,13 @@ class ControlStep:
         weight: FloatArray,
         gains: tuple[float, float],
         watch: Watch,
+        centre: FloatArray | None,
         shaped: int = 0,
     ) -> None:
         problem = task.problem
         self._whole, self._watch = task, watch
         self._problem, device = problem, problem.device
-        self._rows, self._unit, self._weight, self._gains = rows, unit, weight, gains
+        self._rows, self._unit, self._weight, self._gains, self._centre = rows, unit, weight, gains, centre
         vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
         vectors |= {"seen_position": wp.vec3d, "seen_rotation": wp.mat33d}
         self._given = {name: Shared((1,), dtype, device) for name, dtype in vectors.items()}
@@ -101,7 +103,7 @@ class ControlStep:
         kept |= {"doubt": ((), wp.int32), "before_tip": ((), wp.int32)}
         kept |= {"before_position": ((), wp.vec3d), "before_rotation": ((), wp.mat33d)}
         sizes = {"before_unknowns": problem.unknown_count, "before_values": task.count}
-        sizes |= {"good_unknowns": problem.unknown_count, "good_values": task.count, "values": task.count}
+        sizes |= {"good_unknowns": problem.unknown_count, "good_values": task.count, "values": task.count, "pull": task.count}
         sizes |= {"record": problem.records.shape[1], "told": FREE + 8 * task.count + len(rows.low) + shaped}
         kept |= {name: ((size,), wp.float64) for name, size in sizes.items()}
         self._kept: dict[str, Any] = {
@@ -212,7 +214,10 @@ class ControlStep:
         off, left = sqrt(self._foreseen.off), float(np.linalg.norm(np.nan_to_num(before.told[[ERROR, ANGLE]]) * self._weight))
         step = float(np.abs((before.told - before.begun)[FREE : FREE + self._count] / self._unit).max())
         missing, gain = off - left, sqrt(before.off) - left
-        if off <= ON_TARGET * self._weight[1] or step < 0.5 * SHORTEST:  # as of a command that is given again
+        # what the pull (16c) moves the tip by, to second order, is no fault of the step before
+        pulled = self._count > len(rows) and self._centre is not None and left <= ON_TARGET * self._weight[1]
+        near = MOST_PULL**2 if pulled else ON_TARGET
+        if off <= near * self._weight[1] or step < 0.5 * SHORTEST:  # as of a command that is given again
             return self._trust
         if missing > ASTRAY * gain:
             self._trust = max(0.5 * step, SHORTEST)
@@ -295,12 +300,15 @@ class ControlStep:
         for name, array in self._kept.items():
             setattr(state, name, array)
         m = row_count(kind)
-        state.task, state.step, state.records = self._task, self._programme(m), self._problem.records
+        state.pulled = int(self._centre is not None and self._count > m)
+        state.task, state.step, state.records = self._task, self._programme(m, 2 + state.pulled), self._problem.records
         for name in ("rows", "ahead"):
             setattr(state, name, self._zeros(m))
         if self._shared:
             self._off[kind] = state.rows.numpy()[0]
-        state.unit = wp.array(np.ascontiguousarray(self._unit), dtype=wp.float64, device=self._problem.device)
+        constants = {"unit": self._unit, "centre": np.zeros(self._count) if self._centre is None else self._centre}
+        for name, values in constants.items():
+            setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=self._problem.device))
         for name in ("limits", "low", "high"):
             setattr(state, name, self._limits[name].array)
         state.longest = self._longest.array
@@ -309,8 +317,8 @@ class ControlStep:
         self._states.append(state)
         return record(make_control, 1, [state], self._problem.device).launch
 
-    def _programme(self, m: int) -> Programme:
-        result = programme(1, m, self._count, len(self._limits["low"].values), self._problem.device, sides=2)
+    def _programme(self, m: int, sides: int) -> Programme:
+        result = programme(1, m, self._count, len(self._limits["low"].values), self._problem.device, sides=sides)
         result.limits = self._limits["scaled"].array
         return result
 

@@ -241,6 +241,9 @@ def make_control():
             fail(s, t)
         else:
             moving = expect(s, t)
+            if s.pulled != 0 and not moving:
+                for i in range(s.ahead.shape[1]):
+                    s.ahead[t, i] = f64(0.0)
             factor(s, t)
             bounded(s, t, 0)
             tell(s, t)
@@ -262,7 +265,7 @@ def make_control():
                 s.good_unknowns[t, i] = s.task.unknowns[t, i]
             for j in range(k):
                 s.good_values[t, j] = s.values[t, j]
-            if moving:
+            if moving or s.pulled != 0:
                 for i in range(s.ahead.shape[1]):
                     s.step.r[t, i] = s.ahead[t, i]
                 bounded(s, t, 1)

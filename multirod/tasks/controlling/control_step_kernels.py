@@ -12,6 +12,9 @@ f64 = wp.float64
 SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what moves the tip most is damped
 LONGEST = 0.3  # step of a sample, in units (9)
 ON_TARGET = 4e-7  # of a target, in lengths of the longest rod and rad, within which a limit does not hold it back
+PULL = 0.05  # of the way to what is preferred, in a sample
+MOST_PULL = 0.03  # the most of it, in units (9)
+STEEP = 5.0  # (17c) q, from which the pull fades, and at twice of which there is none
 LEFT_OVER = 1e-3  # part of what is asked for that a step leaves over where nothing else holds it: the task is singular
 
 
@@ -29,6 +32,8 @@ class Control:
     weight: wp.vec2d  # of positions, of angles
     gain: wp.vec2d  # (15) of the offset, of its drift
     kind: wp.vec3i  # whether there is a position (2: across a direction), a rotation, an axis
+    pulled: int  # whether what the target leaves free is pulled to ``centre``
+    centre: wp.array[wp.float64]  # (k,)
     # what is asked for and measured
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]
@@ -71,6 +76,7 @@ class Control:
     # room
     rows: wp.array2d[wp.float64]  # r, (instance, m)
     ahead: wp.array2d[wp.float64]  # by how much rows will be off in the next sample
+    pull: wp.array2d[wp.float64]  # (16c), (instance, k)
     values: wp.array2d[wp.float64]  # p, (instance, k)
 
 
@@ -88,9 +94,33 @@ def leaves_over(s: Control, t: int) -> bool:
     return short > f64(wp.static(LEFT_OVER)) * asked
 
 
+@wp.func
+def place_pull(s: Control, t: int):
+    """(16c) Before what it would do to the target is taken from it."""
+    for j in range(s.unit.shape[0]):
+        toward = f64(wp.static(PULL)) * (s.centre[j] - s.values[t, j]) / s.unit[j]
+        s.step.sides[t, j, 2] = wp.sqrt(s.step.softness[t]) * toward
+    for i in range(s.step.J.shape[1]):
+        s.step.sides[t, s.unit.shape[0] + i, 2] = f64(0.0)
+
+
+@wp.func
+def pull(s: Control, t: int):
+    """(16c) Beside the way to the next sample's place: less of it beside a fold, to which it is not to lead."""
+    most = f64(wp.static(MOST_PULL))
+    steep = f64(0.0)
+    for j in range(s.unit.shape[0]):
+        most = wp.max(most, wp.abs(s.step.sides[t, j, 2]))
+        steep = wp.max(steep, s.watched.growth[t, j, j])
+    part = wp.clamp(f64(2.0) - wp.sqrt(steep) / f64(wp.static(STEEP)), f64(0.0), f64(1.0))
+    for j in range(s.unit.shape[0]):
+        s.pull[t, j] = s.step.sides[t, j, 2] * (part * f64(wp.static(MOST_PULL)) / most)
+        s.step.sides[t, j, 1] = s.step.sides[t, j, 1] + s.pull[t, j]
+
+
 @wp.func(inline=False)
 def solve_rows(s: Control, t: int):
-    """(8) Without limits, for this sample's rows and the next one's."""
+    """(8) Without limits, for this sample's rows, for the next one's, and for what is pulled."""
     m = s.step.J.shape[1]
     k = s.step.J.shape[2]
     place_rows(s.step, s.step.system, t)
@@ -100,6 +130,8 @@ def solve_rows(s: Control, t: int):
     for i in range(m):
         s.step.sides[t, k + i, 0] = -s.step.r[t, i]
         s.step.sides[t, k + i, 1] = -s.ahead[t, i]
+    if s.pulled != 0:
+        place_pull(s, t)
     eliminate(s.step.system, s.step.sides, t)
 
 
@@ -128,6 +160,8 @@ def factor(s: Control, t: int):
                 else:
                     s.ahead[t, i] = -met
         solve_rows(s, t)
+    if s.pulled != 0:
+        pull(s, t)
 
 
 @wp.func(inline=False)
@@ -142,6 +176,8 @@ def bounded(s: Control, t: int, side: int):
         s.step.high[t, i] = wp.max(s.high[i] - at, f64(0.0))
     for j in range(k):
         s.step.change[t, j] = s.step.sides[t, j, side]
+        if s.pulled != 0:
+            s.step.pull[t, j] = f64(side) * s.pull[t, j]
     keep_limits(s.step, t)
     longest = f64(0.0)
     for j in range(k):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from math import exp, hypot
 from threading import Lock
-from typing import Any, Generic
+from typing import Any, Generic, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from multirod.tasks.formulation import Task, input_units
 from multirod.tasks.freed import chosen, refuse_freed, values_of, with_values
 from multirod.tasks.given import plain, turned
 from multirod.tasks.limits import ROUNDING_BEYOND, Limits, limit_rows, nearest, refuse_start
+from multirod.tasks.preferred import centre_of
 from multirod.tasks.rows import PARTS, Kind, Pose
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
@@ -41,6 +42,7 @@ from multirod.validation import (
     SMALLEST_AXIS,
     Described,
     FloatArray,
+    choice,
     device_name,
     frozen,
     instance,
@@ -49,6 +51,12 @@ from multirod.validation import (
     refuse,
 )
 
+Prefer = Literal["start", "smallest motion", "smallest tension", "middle"]
+PREFERENCES = get_args(Prefer)
+STEADY = (
+    f"must be one of {', '.join(map(repr, PREFERENCES))}: margins take more than the integration of a sample; "
+    "reach(prefer='stability') finds a guess, and prefer='start' stays near it"
+)
 LAG = 5.0  # samples, of the correction by default
 OWN = *PARTS, "measured_position", "measured_rotation"  # of a sample, beside inputs
 # shared by all samples
@@ -73,6 +81,8 @@ class Controller(Uncopied, Generic[Robot_co]):
             default, or as near to that as the limits allow.
         limits: Kept at every sample: of the freed inputs, and of the shape. These cost a look at each command, an integration or
             two, and several where a command is near one (``docs/tasks.md``).
+        prefer: Where inputs go that the target leaves free, sample by sample: back to the ``"start"``, to the ``"smallest
+            tension"`` of lines, or to the ``"middle"`` of the limits; or the ``"smallest motion"`` of each sample, which drifts.
         correction_time: Of the filter between measurement and correction [s]; five samples by default.
         guess: The equilibrium at ``inputs``.
         integrator: Of the spatial equations; ``RK4(50)`` takes the same time at each sample.
@@ -95,6 +105,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         free: str | Sequence[str] | Mapping[str, Sequence[str] | None],
         inputs: Inputs | None = None,
         limits: Limits | None = None,
+        prefer: Prefer = "start",
         correction_time: float | None = None,
         guess: Solution | None = None,
         integrator: Integrator | None = None,
@@ -103,6 +114,10 @@ class Controller(Uncopied, Generic[Robot_co]):
         self.dt = positive_float("Controller.dt", dt)
         plausibility.of_dt("Controller.dt", self.dt, "a controller")
         self.free = chosen("Controller.free", as_robot(robot), free)
+        asked: object = prefer
+        if asked == "stability":
+            refuse("Controller.prefer", asked, STEADY)
+        self.prefer = choice("Controller.prefer", prefer, PREFERENCES)
         lag = LAG * self.dt if correction_time is None else positive_float("Controller.correction_time", correction_time)
         if limits is not None:
             instance("Controller.limits", limits, Limits, "Limits, such as Limits(translation=(-0.1, 0))")
@@ -137,7 +152,9 @@ class Controller(Uncopied, Generic[Robot_co]):
             self._shape = ShapeLimits(robot, given, self.free, limits, self._unit, method, device)
             self._refuse_shape(limits, problem.adopt(start.unknowns[None]))
         gains, shaped = (1 - keep**2, (1 - keep) ** 2), () if self._shape is None else self._shape.names
-        self._step = ControlStep(self._task, self._rows, self._unit, weight, gains, self._watch, len(shaped))
+        centre = centre_of("Controller.prefer", prefer, robot, self.free, self._rows, p)
+        centre = p[0].copy() if prefer == "start" else centre
+        self._step = ControlStep(self._task, self._rows, self._unit, weight, gains, self._watch, centre, len(shaped))
         self._limit_names = self._rows.names + shaped
         self._step.start(x, p)
         self._step.prepare((1, 0, 0), (1, 1, 0))  # what most loops ask for: a position, a pose

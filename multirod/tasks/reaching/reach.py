@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod import plausibility
-from multirod.assembly import Assembly, Robot
+from multirod.assembly import Robot
 from multirod.batch import broadcast_shapes, parts, run, thread_count
 from multirod.inputs import Inputs
 from multirod.naming import names_checked
@@ -20,8 +20,9 @@ from multirod.reuse import borrowed
 from multirod.running.simulation import as_solver, solve
 from multirod.solver import Outcome, Solver
 from multirod.tasks.formulation import Task
-from multirod.tasks.freed import chosen, columns, values_of, with_values
-from multirod.tasks.limits import Limits, asked_before, known_rows, middle, refuse_start
+from multirod.tasks.freed import chosen, values_of, with_values
+from multirod.tasks.limits import Limits, asked_before, known_rows, refuse_start
+from multirod.tasks.preferred import centre_of
 from multirod.tasks.reaching.drive import expect_search
 from multirod.tasks.reaching.goals import Prefer
 from multirod.tasks.reaching.reached import Aim, Chosen, Ends, Reached, ShapeHolds
@@ -128,11 +129,7 @@ def reach(
     whole = shape == given.batch_shape and given.has(names)
     begin = _begin(given, names, shape, whole)
     refuse_start("limits", rows, begin.reshape(-1, begin.shape[-1]), robot, names)
-    centre = middle(rows) if prefer == "middle" else None
-    if prefer == "smallest tension":
-        centre = _slack(robot, names, begin.reshape(-1, begin.shape[-1]))
-    if centre is not None and np.isnan(centre).any():
-        refuse("prefer", prefer, "needs limits on both sides of every freed input, which have a middle")
+    centre = centre_of("prefer", prefer, robot, names, rows, begin.reshape(-1, begin.shape[-1]))
     first = solve(robot, given, solver=method, threads=threads, device=device, progress=False) if guess is None else guess
     unknowns = _with_axes(first.unknowns, shape).reshape(-1, first.unknown_count)
     work = Work(
@@ -160,18 +157,6 @@ def reach(
     if guess is None:
         spent += np.broadcast_to(first.integrations, shape).reshape(-1)
     return _run(work, status, spent, thread_count(threads))
-
-
-def _slack(robot: Assembly, free: tuple[str, ...], begin: FloatArray) -> FloatArray:
-    """Where no line is tense and all else that is free is as at first, ``begin`` (b, k), shape (k,)."""
-    if "tension" not in free:
-        refuse("prefer", "smallest tension", "needs tension to be free")
-    sizes = {spec.name: spec.size(robot.rod_count) for spec in robot.input_specs}
-    others = np.concatenate([np.full(sizes[name], name != "tension") for name in free])
-    others = others[columns(free, [sizes[name] for name in free])]
-    if np.ptp(begin[:, others], axis=0).any():
-        refuse("prefer", "smallest tension", "needs what else is free to begin at one place for all targets")
-    return np.where(others, begin[0] if len(begin) else 0.0, 0.0)
 
 
 def _begin(given: Inputs, free: tuple[str, ...], shape: tuple[int, ...], whole: bool) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +95,8 @@ def _loop(
     robot: Assembly, start: Solution, free: Sequence[str], limits: Limits, solver: Solver, device: str
 ) -> Controller | None:
     """The controller; None where it refuses the start, which may be as near to a limit as rounding."""
+    settings: dict[str, Any] = {"free": free, "limits": limits, "integrator": solver.integrator, "device": device}
     try:
-        return Controller(robot, dt=1.0, free=free, limits=limits, guess=start, integrator=solver.integrator, device=device)
+        return Controller(robot, dt=1.0, prefer="smallest motion", guess=start, **settings)
     except ValueError:
         return None
