@@ -102,6 +102,21 @@ def test_columns_by_the_ground_where_a_hand_has_been_moved():
     np.testing.assert_allclose(solution.jacobian("base") @ direction, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
+def test_a_rod_with_push_rods_that_bends_between_two_bodies_that_stay():
+    """Nothing is free at its ends: what its modes are is told by clamps alone. The work of who pushes is what is gained."""
+    lines = [mr.PushRod((x, 0), axial_stiffness=400.0) for x in (0.004, -0.004)]
+    rod = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, precurvature=(0, 0.5, 0), lines=lines)
+    hand = mr.Body("hand", pose=at(0, 0, 0.18), fixed=True)
+    joints = [mr.Joint("rod", "base", to=mr.ground), mr.Joint("rod", "tip", to=hand)]
+    robot = mr.Network(rods={"rod": rod}, bodies=[hand], joints=joints)
+    found = mr.solve(robot, robot.inputs(displacement=0.0)).raise_if_failed()
+    assert found.stability == mr.Stability.STABLE
+    step = 1e-6
+    for k, e in enumerate(step * np.eye(2)):
+        ahead, behind = (mr.solve(robot, robot.inputs(displacement=x), guess=found).raise_if_failed() for x in (e, -e))
+        np.testing.assert_allclose((ahead.potential - behind.potential) / (2 * step), found.tension[k], rtol=1e-4)
+
+
 def test_arrays_and_names_say_the_same():
     robot = tripod(LOW)
     by_name = robot.inputs(fixed_position={"hand": (0.01, 0.02, 0)})

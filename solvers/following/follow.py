@@ -103,7 +103,7 @@ def follow(
                 side,
                 before is not None,
                 together.tip is not None,
-                together.tip is not None and (problem.joints is None or not parts.all_clamped),
+                together.tip is not None and len(together.tip.forces) > 0 and (problem.joints is None or not parts.all_clamped),
                 stability.multistable and before is None,
                 NOISY if segmented else np.inf,
                 float(singular[place]),

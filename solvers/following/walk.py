@@ -57,7 +57,7 @@ class Walk:
         side: 1, or -1 for the other one at each bifurcation.
         by_inputs: Whether inputs change on the way, not loads alone.
         has_tip: Whether the end effector is free to tell of modes.
-        by_tip: Whether it tells what the rods are like: clamps are then tried where that fails.
+        by_tip: Whether it tells what the rods are like, not where fixed bodies hold all ends: clamps are tried where that fails.
         doubtful: Whether the branch may have begun unstable.
         noisy: Norm of ``Gamma``, beyond which it may be rounding that ends a branch.
         potential: Whether its loads have one: without, it is damped dynamics that go on, and of stability an odd number of
