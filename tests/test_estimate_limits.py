@@ -244,3 +244,20 @@ def test_lines_that_do_not_stretch_are_estimated_from_priors_that_no_robot_can_h
     alone = {"displacement": mr.Prior(means[3], sigma=size)}
     again = mr.estimate(robot, robot.inputs(tip_force=force), unknown=alone, measured=sensor)
     np.testing.assert_array_equal(again.value("displacement"), value[3])
+
+
+def test_either_side_of_a_kink_that_the_measurement_allows_is_within_the_covariance():
+    """(20d) One of two lines is at its kink by the priors' means; a load cell that shows a little does not tell that it pulls."""
+    lines = [mr.Tendon((x, 0), driven="displacement", axial_stiffness=200.0) for x in (0.006, -0.006)]
+    rod = mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines)
+    robot, rng, count = mr.SingleRod(rod), np.random.default_rng(0), 100
+    mean, sigma = np.array([2e-3, -8.4e-4]), 3e-4
+    pulled = mean + sigma * rng.standard_normal((count, 2))
+    truth = mr.solve(robot, robot.inputs(displacement=pulled)).raise_if_failed()
+    assert 20 < truth.slack[:, 1].sum() < 80
+    cells = mr.Tension(value=truth.tension + 0.02 * rng.standard_normal((count, 2)), sigma=0.02)
+    found = mr.estimate(robot, unknown={"displacement": mr.Prior(mean, sigma=sigma)}, measured=cells).raise_if_failed()
+    off = found.value("displacement") - pulled
+    squares = np.einsum("bi,bij,bj->b", off, np.linalg.inv(found.covariance("displacement")), off) / 2
+    assert squares.mean() < 1.3  # by 100 draws of two numbers, the mean of which spreads by 0.1
+    assert squares.max() < 9

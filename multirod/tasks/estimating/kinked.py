@@ -93,6 +93,9 @@ class Kinked:
             here = self._settled(row, part.x[row], part.p[row])
             if here is None or not self._one(row, here):
                 self._evaluated(row, part.x[row], part.p[row])  # what is left is told of there
+        near = self._may_be_slack() & (part.outcome.status == Status.CONVERGED)[:, None]
+        for row in np.flatnonzero(chosen & near.any(axis=1)).tolist():
+            self._doubt(row, near[row])
 
     def _beside(self) -> NDArray[np.bool_]:
         """(20b) Whether a line is slack that may be taut, and of whose slack nothing much was told; shape (b,)."""
@@ -103,6 +106,24 @@ class Kinked:
             may_pay = z**2 <= np.maximum(NEARBY**2, part.square)[:, None] * known
             unseen = (z <= AT_KINK * self._scale[:, None]) & (known >= SEEN * before) & may_pay
         return np.asarray(unseen.any(axis=1))
+
+    def _may_be_slack(self) -> NDArray[np.bool_]:
+        """(20d) Which lines are taut, and so near their kinks that they may be slack as well; shape (b, line)."""
+        part, K = self._part, self._kinks
+        by, z = part.by[:, K], part.x[:, K]
+        with np.errstate(invalid="ignore"):
+            known = np.einsum("bki,bij,bkj->bk", by, part.covariance, by)
+            return np.asarray((z > 0) & (z**2 <= NEARBY**2 * known))
+
+    def _doubt(self, row: int, lines: NDArray[np.bool_]) -> None:
+        """Take the covariance of the side on which these lines (line,) are slack, where that is the less sure one."""
+        part, x, p = self._part, self._part.x[row].copy(), self._part.p[row]
+        x[self._kinks[lines]] = -ASIDE * self._scale[row]
+        here = _Here(x, p, self._told(row, self._evaluated(row, x, p)), float(part.square[row]))
+        there = self._step(row, here, x, here.told, x[self._kinks] > 0)
+        if there is not None and (np.diagonal(there.covariance) / np.diagonal(part.covariance[row])).sum() > len(p):
+            part.covariance[row] = there.covariance
+        self._evaluated(row, part.x[row], p)
 
     def _one(self, row: int, here: _Here | None) -> bool:
         """From an equilibrium of an instance; whether it came to an end."""
@@ -121,6 +142,7 @@ class Kinked:
             if there is None:
                 if covariance is None:
                     break
+                part.by[row] = own.by
                 self._end(row, here, covariance)
                 return True
             here, moved = there, True
