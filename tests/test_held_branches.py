@@ -773,3 +773,40 @@ def test_a_strip_that_twists_as_it_turns_in_its_hinges_is_found_at_once():
         assert solution.stability is mr.Stability.STABLE
         assert solution.integrations < 100
     np.testing.assert_allclose(found[0].energy, found[1].energy, rtol=1e-6)
+
+
+@pytest.mark.parametrize("stretch", [0.0, 1e-6])
+@pytest.mark.parametrize("joint", ["clamped", "spherical"])
+def test_a_rod_that_weighs_something_stands_at_its_full_length(joint, stretch):
+    """(35) Pulled above and pressed below: `OUT_OF_REACH`, or `INTEGRATION_LIMIT`, after 17,000 integrations."""
+    weight, soft = 9.81 * np.array([0.1, 0.4]), np.array([1.0, 3.0])
+    sections = [
+        mr.Section(
+            length=0.25,
+            bending_stiffness=0.02,
+            torsional_stiffness=0.015,
+            linear_density=own / 9.81,
+            axial_stiffness=1 / (stretch * times) if stretch else np.inf,
+        )
+        for own, times in zip(weight, soft, strict=True)
+    ]
+    held = mr.HeldRod(mr.Rod(sections=sections), joint=joint)
+    found = mr.solve(held, held.inputs(gravity=(0, 0, -9.81)))
+    assert found.status is mr.Status.CONVERGED
+    assert found.integrations < 150
+    assert found.stability is (mr.Stability.STABLE if stretch else mr.Stability.FOLD)
+    parts = 0.25 * weight
+    middle = np.array([0.5 * parts[0], parts[0] + 0.5 * parts[1]])
+    pull = parts.sum() - (soft @ middle / soft.sum() if stretch else middle.mean())
+    np.testing.assert_allclose(found.end_force, (0, 0, pull), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.rod(0).position[:, :2], 0, atol=1e-12)
+
+
+def test_a_rod_that_its_weight_would_buckle_does_not_stand_at_its_full_length():
+    """One that stretches buckles at 5.765 kg/m."""
+    few = mr.Shooting(max_integrations=60)
+    for density, stands in ((5.6, True), (5.9, False)):
+        rod = mr.Rod(length=0.5, bending_stiffness=0.02, torsional_stiffness=0.015, linear_density=density)
+        held = mr.HeldRod(rod)
+        found = mr.solve(held, held.inputs(gravity=(0, 0, -9.81)), solver=few)
+        assert (found.status is mr.Status.CONVERGED) == stands

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.held.costless import AXIS, acting, force_along, on_axis, straight_at_rest
+from multirod.models.held.costless import AXIS, acting, force_along, forces, loaded, on_axis, straight_at_rest
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
+from multirod.out_of_reach import TAUT
 from multirod.problem import BegunAgain
+from multirod.rod import DENSITY
 from multirod.rotations import cross, leading_axis, matrices
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -329,3 +331,27 @@ def begin_bent(problem: "HeldProblem", status: NDArray[np.int32], reached: Float
         some &= ~problem._begun[1].bent & pushed_far(problem, problem.goal()[0], BEYOND)
     problem.bends[:] = np.where(some, LED if tried else BENT, before)
     return (some, problem.guess(), problem.guess_integrations) if some.any() else None
+
+
+def straight(problem: "HeldProblem", status: NDArray[np.int32]) -> tuple[NDArray[np.bool_], FloatArray] | None:
+    """(35) As ``BoundaryProblem.standing``: what is as long as its ends are apart, and bears what acts along it."""
+    terms, whole, axis = problem.rod.features, problem.length_in_use(), problem.base_frame[:, :, 2]
+    if problem.holders.slide is not None or terms.members or terms.loads or terms.profile_degree >= 0:
+        return None
+    away = problem.goal()[0] - problem.rod.table.base_position.numpy() - whole[:, None] * axis
+    some = np.isin(status, (Status.STALLED, Status.BRANCH_END)) & (np.linalg.norm(away, axis=1) <= TAUT * whole)
+    some &= straight_at_rest(problem) & loaded(problem)
+    if not some.any():
+        return None
+    material = problem.rod.arrays.material[:, 0]
+    soft, density = problem.rod.each(material[..., 8]), problem.rod.each(material[..., DENSITY])
+    soft = np.where(soft.any(axis=1, keepdims=True), soft, 1.0)
+    ends = problem.rod.each(problem.rod.arrays.end[:, 0]) + (whole - problem.length)[:, None]
+    parts = np.diff(np.clip(ends, 0.0, None), axis=1, prepend=0.0)
+    own, gravity = ((values * axis).sum(axis=1)[:, None] for values in forces(problem))
+    pushed = (own + density * gravity) * parts
+    borne = np.cumsum(pushed, axis=1) - 0.5 * pushed
+    result = np.zeros((problem.instance_count, problem.unknown_count))
+    pull = (soft * parts * borne).sum(axis=1) / (soft * parts).sum(axis=1)
+    result[:, problem.rod.unknown_count - 1] = pull * problem.length / problem.stiffness
+    return some, result

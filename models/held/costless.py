@@ -103,7 +103,7 @@ def acts_across(problem: "HeldProblem") -> NDArray[np.bool_]:
     (instance_count,)."""
     _, pushed, torque, heavy, field = acting(problem).T
     axis = problem.base_frame[:, :, 2]
-    pushed, heavy = (there & ~_lie_along(own, axis) for there, own in zip((pushed, heavy), _forces(problem), strict=True))
+    pushed, heavy = (there & ~_lie_along(own, axis) for there, own in zip((pushed, heavy), forces(problem), strict=True))
     return np.asarray(pushed | torque | heavy | field)
 
 
@@ -118,7 +118,7 @@ def between_balls(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np
     between the balls, as is any slide. Shapes (instance_count,)."""
     moment, pushed, torque, heavy, field = acting(problem).T
     between = np.isin(problem.table.balls.numpy(), (IN_BALLS, ROUND_IN_BALLS)) & ~(moment | torque | field)
-    force, weight = (own[:, None] * values for own, values in zip((pushed, heavy), _forces(problem), strict=True))
+    force, weight = (own[:, None] * values for own, values in zip((pushed, heavy), forces(problem), strict=True))
     place, frame = problem.goal()
     chord = place - problem.rod.table.base_position.numpy()
     free = between.copy()
@@ -134,7 +134,7 @@ def from_clamp(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bo
     return there, there & ~acts_across(problem)
 
 
-def _forces(problem: "HeldProblem") -> tuple[FloatArray, FloatArray]:
+def forces(problem: "HeldProblem") -> tuple[FloatArray, FloatArray]:
     """Force per length on a rod [N/m] and gravity [m/s^2], in the world, shapes (instance_count, 3)."""
     inputs, first = problem.read("inputs"), problem.table.along
     return inputs[:, first : first + 3], inputs[:, first + 6 : first + 9]
@@ -142,7 +142,7 @@ def _forces(problem: "HeldProblem") -> tuple[FloatArray, FloatArray]:
 
 def force_along(problem: "HeldProblem") -> FloatArray:
     """All that forces on a rod and its weight are together, in the world [N], shape (instance_count, 3)."""
-    own, gravity = _forces(problem)
+    own, gravity = forces(problem)
     return np.asarray(problem.length[:, None] * own + _mass(problem)[:, None] * gravity)
 
 

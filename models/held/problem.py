@@ -20,7 +20,7 @@ from multirod.models.backbone.derivatives.ends import part_ends
 from multirod.models.backbone.inputs import DRIVES
 from multirod.models.backbone.stability.clamps import ClampedBackbones
 from multirod.models.held.along import HeldSensing, Launches, aim_at_numbers, columns_along, unknown_rates
-from multirod.models.held.buckling import begin_bent
+from multirod.models.held.buckling import begin_bent, straight
 from multirod.models.held.capabilities import HeldLines, HeldParts, HeldReach, HeldShapes, HeldStarts
 from multirod.models.held.clamps import HeldClamps
 from multirod.models.held.costless import alike, free_in_balls, hold_bases_alone, led_on
@@ -306,6 +306,9 @@ class HeldProblem(BoundaryProblem):
 
     def begin_again(self, status: NDArray[np.int32], reached: FloatArray, tried: int) -> BegunAgain | None:  # noqa: D102
         return begin_bent(self, status, reached, tried)
+
+    def standing(self, status: NDArray[np.int32]) -> tuple[NDArray[np.bool_], FloatArray] | None:  # noqa: D102
+        return straight(self, status)
 
     def know_rest(self) -> None:
         """Have it found where the end of the rod at rest is, where no ``guess`` has."""

@@ -154,6 +154,15 @@ class Offers(Buffers):
         del status, reached, tried
         return None
 
+    def standing(self, status: NDArray[np.int32]) -> tuple[NDArray[np.bool_], FloatArray] | None:
+        """What may be an equilibrium at the full load though no way leads there, of instances that ended so.
+
+        Returns:
+            Which instances, and unknowns (instance_count, n); None if there are none, as by default.
+        """
+        del status
+        return None
+
     def reasons(self, status: NDArray[np.int32]) -> NDArray[np.int32]:
         """Values of ``Status`` of instances without a result, those of others as they are, shape (instance_count,): what is known
         of why, where that says more than ``status`` does."""

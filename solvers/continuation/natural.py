@@ -59,6 +59,7 @@ def natural_branch(
         _end_at_once(problem, newton, outcome)
         for tried in range(BEGINNINGS):
             _begin_again(problem, newton, max_steps, bounds, outcome, tried)
+        _stand(problem, newton, outcome)
     return outcome
 
 
@@ -122,6 +123,26 @@ def _begin_again(
         _say_what_is_lost(problem, again, lost)
         _end_at_once(problem, newton, again)
     outcome.end_with(again, some)
+
+
+def _stand(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
+    """What no way leads to, as it gives no answer to what acts, but is an equilibrium where it stands."""
+    found = problem.standing(outcome.status)
+    if found is None or problem.stability is None or outcome.reached is None:
+        return
+    allowed, before = newton.allowed(), problem.read("unknowns")
+    some = found[0] & (outcome.integrations + 2 <= allowed)
+    if not some.any():
+        return
+    problem.write("unknowns", np.where(some[:, None], found[1], before))
+    newton.allow(1)
+    newton.run(some)
+    newton.allow(allowed)
+    there = some & (newton.outcome().status == CONVERGED)
+    outcome.integrations += some.astype(int) + there
+    there[there] = ~_unstable(problem, np.flatnonzero(there))
+    problem.write("unknowns", np.where(there[:, None], found[1], before))
+    outcome.status[there], outcome.reached[there] = CONVERGED, 1.0
 
 
 def _gamma(problem: BoundaryProblem) -> FloatArray:
