@@ -1,6 +1,7 @@
 """Estimates and calibrations as tables: their equilibria, what was found, and how sure that is."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from multirod.status import Status
 from multirod.tasks.estimating.bounded import Bounds
 from multirod.tasks.estimating.calibrate import Calibration, Fitted
 from multirod.tasks.estimating.estimate import Estimate
+from multirod.tasks.estimating.fit import Odd
 
 ARRAYS = {name: name for name in ("missing", "misfit", "degrees", "rejected")}  # of an estimate, and where it has them
 ARRAYS |= {name: f"_{name}" for name in ("mean", "covariance", "prior")}
@@ -57,7 +59,8 @@ def table_of_calibration(result: Calibration[Any]) -> dict[str, Any]:
     """
     return {
         **vars(result._found),
-        "solution": table_of_result(result.solution),
+        "odd": result._found.odd and asdict(result._found.odd),
+        "solution": table_of_result(result._solution),
         "places": [[name, place.start, place.stop] for name, place in result._found.places.items()],
         "status": int(result.status),
     }
@@ -73,6 +76,7 @@ def calibration_from(table: Mapping[str, Any], where: str) -> Calibration[Any]:
     own["places"] = {name if isinstance(name, str) else tuple(name): slice(*ends) for name, *ends in own["places"]}
     own |= {"status": Status(own["status"]), "labels": tuple(own["labels"]), "hardly_seen": tuple(own["hardly_seen"])}
     own["unknown"] = tuple(own.get("unknown", ()))
+    own["odd"] = Odd(**own["odd"] | {"shapes": tuple(own["odd"]["shapes"])}) if own.get("odd") else None
     found = Fitted(**own)
     if not len(found.values) == len(found.labels) == len(found.covariance):
         raise ValueError(f"{where}{len(found.values)} values do not go with {len(found.labels)} labels")

@@ -18,7 +18,7 @@ from multirod.running.simulation import as_solver, solve
 from multirod.solver import Solver
 from multirod.status import Status
 from multirod.tasks.estimating.estimate import SEEN, estimate, inconsistent
-from multirod.tasks.estimating.fit import Fit
+from multirod.tasks.estimating.fit import Fit, Odd
 from multirod.tasks.estimating.inference import consistent, kept
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
@@ -40,6 +40,7 @@ class Fitted:
     Attributes:
         places: Where the numbers of each parameter are among all.
         hardly_seen: Labels of numbers of which the measurements say next to nothing.
+        odd: Without which the others fit, where all do not.
         unknown: Names of the inputs that were found beside them.
         load_covariance: Of these, of each shape, (b, k, k).
     """
@@ -56,6 +57,7 @@ class Fitted:
     values: FloatArray
     covariance: FloatArray
     hardly_seen: tuple[str, ...]
+    odd: Odd | None = None
     unknown: tuple[str, ...] = ()
     load_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
@@ -74,8 +76,6 @@ class Calibration(Undecided, Generic[Robot_co]):
     ==============================================  ==============================================================================
 
     Attributes:
-        robot: The fitted one, as it was where the fit failed.
-        solution: Its equilibria at the inputs, those that were found among them.
         unknown: Names of these.
         parameters: Names, or tuples of those that share a factor, in their order.
         labels: What each number is, of all parameters one after another.
@@ -88,14 +88,31 @@ class Calibration(Undecided, Generic[Robot_co]):
     """
 
     def __init__(self, solution: Solution[Robot_co], found: Fitted) -> None:
-        self.robot = solution.assembly
-        self.solution = solution
+        self._solution = solution  # as it was where the fit failed
         self._found = found
         self.parameters, self.unknown = tuple(found.places), found.unknown
         self.labels, self.status = found.labels, found.status
         self.iterations, self.integrations = found.iterations, found.integrations
         self.missing: NDArray[np.bool_] = frozen(found.missing)
         self.misfit, self.degrees = found.misfit, found.degrees
+
+    @property
+    def robot(self) -> Robot_co:
+        """The fitted one.
+
+        Raises:
+            SolveError: If there is none.
+        """
+        return self.solution.assembly
+
+    @property
+    def solution(self) -> Solution[Robot_co]:
+        """Its equilibria at the inputs, those that were found among them.
+
+        Raises:
+            SolveError: If there is none.
+        """
+        return self.raise_if_failed()._solution
 
     @property
     def failed(self) -> bool:
@@ -111,15 +128,15 @@ class Calibration(Undecided, Generic[Robot_co]):
         """The numbers of a parameter, shape (k,): of stiffnesses over what they were; of an input that was found, of each shape,
         (..., k)."""
         if name in self.unknown:
-            return np.asarray(frozen((np.nan if self.failed else 1.0) * getattr(self.solution.inputs, str(name))))
+            return np.asarray(frozen((np.nan if self.failed else 1.0) * getattr(self._solution.inputs, str(name))))
         return np.asarray(frozen(self._found.values[self._place(name)]))
 
     def covariance(self, name: Key | None = None) -> FloatArray:
         """(6) Theirs, shape (k, k), or (..., k, k); without a name, of all parameters; infinite, and NaN beside, where nothing
         determines a number."""
         if name in self.unknown:
-            own = self._found.load_covariance[(slice(None), *[places_of(self.solution.inputs, self.unknown)[str(name)]] * 2)]
-            return np.asarray(frozen(own.reshape(*self.solution.batch_shape, *own.shape[1:])))
+            own = self._found.load_covariance[(slice(None), *[places_of(self._solution.inputs, self.unknown)[str(name)]] * 2)]
+            return np.asarray(frozen(own.reshape(*self._solution.batch_shape, *own.shape[1:])))
         place = slice(None) if name is None else self._place(name)
         return np.asarray(frozen(self._found.covariance[place, place]))
 
@@ -132,7 +149,9 @@ class Calibration(Undecided, Generic[Robot_co]):
         """Whether the measurements say more of each number than its prior does, (k,) by name; of inputs whether they, with all
         that is known, determine it, (..., k)."""
         part = kept(self._found.covariance, self._found.prior)
-        result = {name: np.asarray(frozen(part[place] <= SEEN)) for name, place in self._found.places.items()}
+        result = {
+            name: np.asarray(frozen((part[place] <= SEEN) & (not self.failed))) for name, place in self._found.places.items()
+        }
         for name in self.unknown:
             result[name] = np.asarray(frozen(np.isfinite(self.sigma(name))))
         return result
@@ -150,10 +169,25 @@ class Calibration(Undecided, Generic[Robot_co]):
     @property
     def _why(self) -> str:
         """Why it failed, for people."""
-        if self.status is not Status.STALLED or not self._found.hardly_seen:
-            return self.status.message
+        found = self._found
+        if found.odd is not None:
+            return self._without
+        if self.status is Status.STALLED and found.hardly_seen:
+            return f"the measurements say next to nothing of {', '.join(found.hardly_seen)}: give these a Prior, or measure more"
+        if self.status is Status.MAX_ITERATIONS:
+            return "it has not come to an end: give max_iterations=, or a Prior for what may hardly be seen"
+        return self.status.message
+
+    @property
+    def _without(self) -> str:
+        """Without which shapes the others fit, where that is known."""
+        odd = self._found.odd
+        if odd is None:
+            return ""
+        some = f"shape{'s' * (len(odd.shapes) > 1)} {', '.join(map(str, odd.shapes))}"
         return (
-            f"the measurements say next to nothing of {', '.join(self._found.hardly_seen)}: give these a Prior, or measure more"
+            f"without {some} the others fit, misfit {odd.misfit:.4g} of {odd.degrees}: what is left out may rest on another "
+            "branch than the robot as it was; make its numbers NaN, then fit all from what that finds"
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -166,6 +200,11 @@ class Calibration(Undecided, Generic[Robot_co]):
 
         save_calibration(path, self)
 
+    def _unseen(self, count: int) -> list[str]:
+        """What is said of each number that the measurements say no more of than its prior: first those of parameters."""
+        known = np.isfinite(np.diagonal(self._found.prior))
+        return ["known by its prior alone" if own else "unobservable" for own in known] + ["unobservable"] * (count - len(known))
+
     def _place(self, name: Key) -> slice:
         if name not in self._found.places:
             refuse("name", name, f"must be one of {', '.join(map(repr, self._found.places))}")
@@ -175,7 +214,7 @@ class Calibration(Undecided, Generic[Robot_co]):
         if self.failed:
             return f"Calibration({self.status.name}: {self._why})"
         labels, names, rest = list(self.labels), list(self.parameters), []
-        if self.solution.batch_shape:
+        if self._solution.batch_shape:
             rest = [f"  and {', '.join(self.unknown)} of each shape"] if self.unknown else []
         else:
             names += self.unknown
@@ -183,11 +222,15 @@ class Calibration(Undecided, Generic[Robot_co]):
         told = [np.concatenate([own(name) for name in names]) for own in (self.value, self.sigma, self.observable.__getitem__)]
         width = max(map(len, labels))
         lines = [
-            f"  {label:<{width}}{value:>12.6g} +- {spread:.2g}{'' if own else '  (unobservable)'}"
-            for label, value, spread, own in zip(labels, *told, strict=True)
+            f"  {label:<{width}}{value:>12.6g} +- {spread:.2g}{'' if own else f'  ({why})'}"
+            for label, value, spread, own, why in zip(labels, *told, self._unseen(len(labels)), strict=True)
         ] + rest
         head = f"Calibration({self.status.name}, misfit {self.misfit:.4g} of {self.degrees})"
-        doubt = [] if self.consistent else [f"  {inconsistent(self.misfit, self.degrees)}"]
+        doubt = (
+            []
+            if self.consistent
+            else [f"  {inconsistent(self.misfit, self.degrees)}", *([f"  {self._without}"] * bool(self._without))]
+        )
         return "\n".join([head, *lines, *doubt])
 
 
@@ -297,6 +340,7 @@ def _fitted(numbers: Parameters, fit: Fit) -> Fitted:
         values=lost * numbers.values(fit.p[shared]),
         covariance=lost * covariance,
         hardly_seen=tuple(label for label, own in spread if own > HARDLY_SEEN),
+        odd=fit.odd,
         unknown=loads.names,
         load_covariance=lost * loads.blocks(fit.covariance),
     )

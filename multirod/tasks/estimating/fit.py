@@ -27,6 +27,7 @@ from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.sensors import Measured
 from multirod.validation import FloatArray
 
+LEFT_OUT = 0.25  # of the shapes, of those that are far from the robot as it is
 ASTRAY = 2  # halvings of a step from what is no equilibrium
 
 
@@ -69,6 +70,21 @@ class Shapes(AlongTask):
             return self.last()
 
 
+@dataclass(frozen=True)
+class Odd:
+    """Shapes without which the others fit.
+
+    Attributes:
+        shapes: Their numbers.
+        misfit: (1) Of the others.
+        degrees: Theirs.
+    """
+
+    shapes: tuple[int, ...]
+    misfit: float
+    degrees: int
+
+
 class Fit:
     """(13), (13b) Gauss-Newton steps in the parameters and loads, the unknowns of every shape eliminated.
 
@@ -94,18 +110,18 @@ class Fit:
         self.missing = measured.missing.reshape((*begin.batch_shape, -1))
         self.integrations, self.iterations = int(begin.integrations.max(initial=0)), 0
         self.status, self.square, self.degrees = Status.NOT_RUN, np.inf, 0
-        self.squares = np.zeros(len(self.x))
+        self.squares = self.first = np.zeros(len(self.x))
+        self.odd: Odd | None = None
         self.covariance = np.full((len(self.p), len(self.p)), np.nan)
         self.prior = loads.prior(numbers.prior)[None]
         self.root = roots(self.prior)
 
     def run(self, most: int) -> None:
-        """Go on until a step tells nothing; from elsewhere too if what is found is not likely."""
+        """Go on until a step tells nothing; from elsewhere too if what is found is not likely, or nothing."""
         x, p, begin = self.x, self.p, self.solution
         self._run(most)
-        doubtful = self.status is Status.CONVERGED and not consistent(self.square, self.degrees)
-        if doubtful and len(self.x) > 1 and not self.loads.names:
-            self._begin_again(self._anew(self.measured.without(int(self.squares.argmax())), x, p, begin), most)
+        if len(self.x) > 1 and not self.loads.names and not consistent(self.square, self.degrees):
+            self._begin_again(x, p, begin, most)
 
     def _anew(self, measured: Measured, x: FloatArray, p: FloatArray, solution: Solution[Any]) -> "Fit":
         """A fit of the same robot to ``measured``, from ``x`` and ``p``."""
@@ -114,11 +130,21 @@ class Fit:
         result.status, result.iterations, result.integrations = Status.NOT_RUN, 0, 0
         return result
 
-    def _begin_again(self, others: "Fit", most: int) -> None:
-        """(26) By ``others`` than the shape that fits worst, then by all from where the robot that fits these comes to rest; what
-        is less likely is left."""
-        others._run(most)
-        self.integrations += others.integrations
+    def _begin_again(self, x: FloatArray, p: FloatArray, begin: Solution[Any], most: int) -> None:
+        """(26) By others than the shape that fits worst, or than those that did at the start, from ``x`` and ``p`` as ever, then
+        by all from where the robot that fits these comes to rest; what is less likely is left."""
+        worst, far = self.squares.argsort()[-1:], self.first.argsort()[::-1][: int(LEFT_OUT * len(x))]
+        others = self
+        for left in (worst, far):
+            if not len(left):
+                continue
+            others = self._anew(self.measured.without(left), x, p, begin)
+            others.degrees -= int(self.measured.known[left].sum())
+            others._run(most)
+            self.integrations += others.integrations
+            if others.status is Status.CONVERGED and consistent(others.square, others.degrees):
+                self.odd = Odd(tuple(left.tolist()), float(others.square), others.degrees)
+                break
         if others.status is not Status.CONVERGED:
             return
         shapes = solve(others.robot, self.inputs, solver=self.solver, device=self.device, progress=False)
@@ -128,9 +154,10 @@ class Fit:
         every = self._anew(self.measured, shapes.unknowns.reshape(self.x.shape), others.p, shapes)
         every._run(most)
         self.integrations += every.integrations
-        if every.status is Status.CONVERGED and every.square < self.square:
+        if every.status is Status.CONVERGED and (self.status.failed or every.square < self.square):
             every.integrations = self.integrations
             every.iterations += self.iterations + others.iterations
+            every.odd = None
             vars(self).update(vars(every))
 
     def _run(self, most: int) -> None:
@@ -139,6 +166,7 @@ class Fit:
             x = self._problem(self.robot, p).adopt(x)
         here = self._at(x, p)
         assert here is not None  # it is the robot as it is
+        self.first = here.squares
         here, base = self._go_on(here, most)
         if self.status in ENDLESS:
             self._settle(self._at_rest(here), base, most)

@@ -81,11 +81,11 @@ class Measured:
         result.missing = self.missing[instances]
         return result
 
-    def without(self, instance: int) -> "Measured":
-        """Those of others, of this one no row."""
+    def without(self, instances: NDArray[np.intp]) -> "Measured":
+        """Those of others, of these no row."""
         result = copy(self)
         result.known = self.known.copy()
-        result.known[instance] = False
+        result.known[instances] = False
         return result
 
     def task(self, problem: BoundaryProblem, free: Sequence[str]) -> AlongTask:
