@@ -810,3 +810,28 @@ def test_a_rod_that_its_weight_would_buckle_does_not_stand_at_its_full_length():
         held = mr.HeldRod(rod)
         found = mr.solve(held, held.inputs(gravity=(0, 0, -9.81)), solver=few)
         assert (found.status is mr.Status.CONVERGED) == stands
+
+
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
+@pytest.mark.parametrize("inputs", [{"translation": 0.01}, {"end_position": (0.05, 0, -0.01)}])
+def test_a_strip_on_a_hinge_may_be_rigid_in_torsion(inputs):
+    """As one that hardly twists: a `RuntimeWarning`, and `NONFINITE` or a `ValueError`."""
+    axis = (np.cos(0.3), np.sin(0.3), 0.0)
+    held = [
+        mr.HeldRod(
+            mr.Rod(length=LENGTH, bending_stiffness=(EI, 2 * EI), torsional_stiffness=torsion), joint="revolute", joint_axis=axis
+        )
+        for torsion in (np.inf, 1e5 * EI)
+    ]
+    found, expected = (mr.solve(robot, robot.inputs(**inputs)).raise_if_failed() for robot in held)
+    assert found.stability is mr.Stability.STABLE
+    assert found.integrations < 300
+    np.testing.assert_allclose(found.rod(0).position, expected.rod(0).position, rtol=0, atol=1e-4 * LENGTH)
+
+
+def test_a_strip_on_a_hinge_that_slides_may_be_rigid_in_torsion():
+    """Where the end slides on a hinge, `Gamma` of one that is rigid in torsion is singular at rest."""
+    rod = mr.Rod(length=0.5, bending_stiffness=(0.02, 0.04), torsional_stiffness=np.inf)
+    held = mr.HeldRod(rod, joint="revolute", joint_axis=(0, 1, 0), slide=(0, 0, 1))
+    found = mr.solve(held, held.inputs(end_position=(0.05, 0, 0)))
+    assert (found.status, found.stability) == (mr.Status.CONVERGED, mr.Stability.STABLE)

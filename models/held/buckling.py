@@ -33,6 +33,7 @@ STIFF_IN_MEDIUM = 2e-3  # the same where another mode is the first, whose event 
 ELEMENTS = 48  # of a rod that is not equally stiff all along: its critical load is off by 0.2 %
 PARTS = np.array([0.5, *[1.0] * (ELEMENTS - 1), 0.5])  # of an element that stand where each ends
 CRUMBS = 1e-9  # of the larger part of an axis: that is rounding
+RIGID = 1e6  # times as stiff as in bending, what is rigid in torsion is taken for
 ROUND = 10.0  # times the part of the shortening by which the end beside it tells the plane alone
 
 
@@ -148,6 +149,7 @@ def hinged_strips(problem: "HeldProblem") -> Hinged | None:
 
 def _hinged(length: float, ends: FloatArray, stiffness: FloatArray, joints: tuple[tuple[int, FloatArray], ...]) -> FloatArray:
     """(34) Of one rod of sections that end at ``ends``, ``stiffness`` (section, 3): thrust, axis, moments and turn, (13,)."""
+    stiffness = np.minimum(stiffness, RIGID * stiffness[:, :2].max())
     n, soft = ELEMENTS + 1, _soft(ends, stiffness, np.array(length))
     K, M = np.zeros((2 * n + 2, 2 * n + 2)), np.concatenate([np.tile(length / ELEMENTS * PARTS, 2), [0.0, 0.0]])
     for plane in range(2):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from multirod.problem import BoundaryProblem
 from multirod.rotations import leading_axis
 from multirod.solver import Outcome
+from multirod.solvers.continuation.acceptance import signs
 from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.starting.assembling import GoOn, settle
@@ -133,10 +134,10 @@ class Catalogue:
 
 
 def degrees(problem: BoundaryProblem) -> FloatArray:
-    """Sign of ``det Gamma`` at the unloaded equilibrium of each instance, shape (instance_count,)."""
+    """Sign of ``det Gamma`` at the unloaded equilibrium of each instance, 0 where that is not finite, shape (instance_count,)."""
     with problem.everyone(), problem.at_load(0.0):
         _, gamma = problem.evaluate(problem.guess())
-    return np.asarray(np.sign(np.linalg.det(gamma)))
+    return signs(gamma)
 
 
 def converge(
