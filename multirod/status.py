@@ -53,6 +53,7 @@ class Status(Code):
     LINES_TOO_SHORT = 30
     LOOSE = 31
     UNOBSERVABLE = 32
+    OFF_TARGET = 33
 
     @property
     def failed(self) -> bool:
@@ -92,6 +93,7 @@ _WITH_RESULT = frozenset(
         Status.DAMPED,
         Status.REACHED,
         Status.AT_LIMIT,
+        Status.OFF_TARGET,
     }
 )
 
@@ -189,6 +191,9 @@ _MESSAGES = {
     "hold them; clamp a joint, turn an axis so that not all are parallel, or give joints a stiffness",
     Status.UNOBSERVABLE: "fewer numbers were measured of this instance than are unknown without a prior: give these a Prior, or "
     "measure more",
+    Status.OFF_TARGET: "of a Controller's sample: its command does not bring the end effector to the target, and no limit holds "
+    "it: the target is farther away than a step may be, or beyond reach, or the freed inputs do not move the end effector there; "
+    "target_error says how far it is off",
     Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or "
     "strongly loaded that its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }

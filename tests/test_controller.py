@@ -149,8 +149,8 @@ def test_a_wrong_model_is_corrected_by_what_is_measured_and_noise_is_not_fed_for
 @pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # a load that is none: of a command that failed
 def test_a_command_is_read_back_from_a_file_as_one(start, tmp_path):
     loop = loop_of(start, 200)
-    far = start.tip_position + (0, 0, 0.3)  # limits hold on the way there
-    commands = [loop.step(position=far) for _ in range(20)] + [loop.step(position=far, tip_force=(1e9, 0, 0))]
+    far = [start.tip_position + (0.1 * part, 0, 0) for part in np.minimum(np.arange(40) / 30, 1)]  # limits hold on the way there
+    commands = [loop.step(position=goal) for goal in far] + [loop.step(position=far[-1], tip_force=(1e9, 0, 0))]
     assert any(command.at_limit.any() for command in commands)
     assert commands[-1].failed
     for command in (commands[0], commands[-2], commands[-1]):
@@ -170,8 +170,10 @@ def test_a_command_is_read_back_from_a_file_as_one(start, tmp_path):
 def test_limits_and_singular_tasks_have_bounded_steps_and_say_so(start):
     loop, before = loop_of(start, 200), start.inputs
     said = set()
-    for k in range(30):
-        command = loop.step(position=start.tip_position + (0, 0, 0.02 * k))
+    for k in range(60):
+        command = loop.step(position=start.tip_position + (min(0.1, 0.1 * k / 30), 0, 0))
+        if k == 50:
+            command = loop.step(position=start.tip_position, tip_force=(1e9, 0, 0))
         if command.failed:
             assert np.isnan(command.inputs.translation).all()  # and drives have nothing to go to
             assert np.isfinite(command.last_good.translation).all()
@@ -365,7 +367,7 @@ def test_a_limit_of_the_stability_margin_is_kept_and_slid_along(start):
     assert min(int(own.integrations) for own, at in zip(commands, there, strict=True) if at.stability_margin < least + 0.1) == 6
     held = [command for command in commands if command.status is mr.Status.AT_LIMIT]
     assert sum("stability_margin" in command.held_by for command in held) > len(held) // 2
-    assert {command.status for command in commands} == {mr.Status.TRACKING, mr.Status.AT_LIMIT}
+    assert {command.status for command in commands} == {mr.Status.TRACKING, mr.Status.OFF_TARGET, mr.Status.AT_LIMIT}
     assert len({tuple(command.inputs.rotation) for command in held}) > 5  # it moves on, as far as the limit lets it
     assert all(command.at_limit.any() and command.target_error > 1e-6 for command in held)
     # where a command is given again, the sample was integrated there: what it says of its tip is so to rounding and RK4's steps
@@ -432,7 +434,7 @@ def test_two_modes_that_are_lost_at_once_are_unstable():
             assert z > buckles
             assert loop._step._kept["good_values"].numpy()[0, 0] == before.translation[0]
         else:  # beyond, by shorter steps up to where it buckles
-            assert command.status is mr.Status.TRACKING
+            assert command.status in (mr.Status.TRACKING, mr.Status.OFF_TARGET)
             assert command.stability is mr.Stability.STABLE
             assert command.inputs.translation[0] + 0.6 < buckles
             before = command.inputs
@@ -441,7 +443,8 @@ def test_two_modes_that_are_lost_at_once_are_unstable():
     assert looked <= 2 + (np.linspace(0.4, 0.58, 50) > buckles).sum()
     for _ in range(26):  # 20 from the shortest to those that are usual, then 0.3 units (9) of 0.06 m at most
         again = loop.step(position=(0, 0, 0.42))
-        assert again.status is mr.Status.TRACKING
+        assert not again.failed
+    assert again.status is mr.Status.TRACKING
     np.testing.assert_allclose(again.inputs.translation, -0.18, atol=1e-9)
 
 
@@ -531,10 +534,11 @@ def test_what_cannot_be_met_does_not_add_up_along_what_moves_the_tip_by_nothing(
     # a circle in a plane, where the tip moves on a bowl
     for w in 2 * np.pi * np.arange(50) / 50:
         command = loop.step(position=start.tip_position + 0.01 * np.array([np.cos(w) - 1, np.sin(w), 0]))
-        assert command.status is mr.Status.TRACKING
+        assert not command.failed
         # 9 N at the start, for 3.2 mm, which grow to 4.3 mm; a micrometre of all three at once is 300 N
         assert np.abs(command.tension).max() < 20
     assert command.singular
+    assert command.status is mr.Status.OFF_TARGET
     assert command.target_error < 0.012  # not nearer than the bowl is
 
 

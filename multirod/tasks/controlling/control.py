@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, isnan, sqrt
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.rotations import matrices
 from multirod.tasks.condensed import condensed
-from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, make_control
+from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, SURPRISE, make_control
 from multirod.tasks.controlling.control_step_kernels import LONGEST, MOST_PULL, ON_TARGET, Control
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
@@ -27,6 +27,8 @@ from multirod.validation import FloatArray
 SHORTEST = 1e-4  # step of a sample, in units (9), after many that failed
 ASTRAY = 0.25  # part of what a step was to gain: where more is missing, shorter ones follow
 SURE = 0.05  # the same: where no more is, longer ones
+NOTED = 0.02  # of what a step leaves over: what it is off by, if it is more, is damped
+NEAREST = 0.01  # (16d) the least, in units (9)
 WORTH = 0.01  # of what is left, that a step as long as any is to gain if longer ones are to follow
 RESTED = 3  # samples for the same target, the first of which go on to where it was expected, (16)
 
@@ -100,6 +102,7 @@ class ControlStep:
         kept |= dict.fromkeys(("tip_position", "last_position", "last_axis"), ((), wp.vec3d))
         kept |= dict.fromkeys(("tip_rotation", "last_rotation"), ((), wp.mat33d))
         kept |= {"has_tip": ((), wp.int32), "last_kind": ((), wp.vec3i), "begun": ((), wp.float64), "status": ((), wp.int32)}
+        kept |= {"foresaw": ((), wp.int32), "foreseen_position": ((), wp.vec3d), "foreseen_rotation": ((), wp.mat33d)}
         kept |= {"doubt": ((), wp.int32), "before_tip": ((), wp.int32)}
         kept |= {"before_position": ((), wp.vec3d), "before_rotation": ((), wp.mat33d)}
         sizes = {"before_unknowns": problem.unknown_count, "before_values": task.count}
@@ -118,6 +121,11 @@ class ControlStep:
         self._limits = {name: Shared(size, wp.float64, device) for name, size in each.items()}
         self._longest = Shared((1,), wp.float64, device)
         self._longest.write(LONGEST)
+        self._scale = float(weight[0]), float(weight[1])
+        self._nearby = Shared((1,), wp.float64, device)
+        self._nearby.write(LONGEST)
+        # (16d), and of the last sample: what it gained, what it left, what was told of it, what was not free
+        self._narrowed, self._asked = LONGEST, (0.0, 0.0, np.zeros(sizes["told"]), b"")
         self._careful = self._by_shape = LONGEST  # that what failed leaves, and limits of the shape
         self._foreseen: Foreseen | None = None
         self._trust = LONGEST  # (16b), for the present target
@@ -174,7 +182,7 @@ class ControlStep:
         names |= {"tip_position": "position", "tip_rotation": "rotation", "has_tip": "tip"}
         for name, before in names.items():
             kept[name].assign(kept[f"before_{before}"])
-        for name in ("last_kind", "motion"):
+        for name in ("last_kind", "motion", "foresaw"):
             kept[name].zero_()
         self._watch.compare()
         values = kept["good_values"].numpy()
@@ -193,11 +201,37 @@ class ControlStep:
     def mind(self, failed: bool, told: FloatArray) -> None:
         """Take shorter steps after a sample that failed: what starts from the same place would fail again; or whose step came to
         less than foreseen, (16b). Longer ones after others, up to those that are usual."""
+        if self._shared and not failed:
+            self._narrow(told)
         most = 0.5 * self._careful if failed else min(1.5 * self._careful, self._trusted(told), LONGEST)
         self._foreseen = None if failed else self._foreseen
         if most != self._careful:
             self._careful = max(most, SHORTEST)
             self._longest.write(min(self._careful, self._by_shape))
+
+    def _narrow(self, told: FloatArray) -> None:
+        """(16d) How far to go along what moves the tip little, where a target is out of reach and steps lead elsewhere."""
+        error, angle, near = float(told[ERROR]), float(told[ANGLE]), ON_TARGET * self._scale[1]
+        left = hypot(0.0 if isnan(error) else error * self._scale[0], 0.0 if isnan(angle) else angle * self._scale[1])
+        gain, before, last, under = self._asked
+        if left <= near and before <= near and self._narrowed == LONGEST:
+            self._asked = 0.0, left, told, self._under
+            return
+        rows = self._off[self._kind]
+        self._asked = sqrt(float(rows @ rows)) - left, left, told, self._under
+        surprise, most, longest = float(told[SURPRISE]), max(ASTRAY * gain, NOTED * before), self._narrowed
+        if surprise > most and before > near and under == self._under:  # else a load may have moved the tip
+            step = float(np.abs((told - last)[FREE : FREE + self._count] / self._unit).max())
+            longest = max(0.5 * min(longest, step), NEAREST)
+        elif surprise <= ASTRAY * most:
+            longest = min(1.5 * longest, LONGEST)
+        if self._foreseen is None or self._foreseen.rested < RESTED:
+            self._narrow_to(longest)
+
+    def _narrow_to(self, longest: float) -> None:
+        if longest != self._narrowed:
+            self._narrowed = longest
+            self._nearby.write(longest)
 
     def _trusted(self, told: FloatArray) -> float:
         """(16b) How long a step may be by what the one before came to, in units (9)."""
@@ -211,6 +245,9 @@ class ControlStep:
         self._foreseen = Foreseen(target, float(rows @ rows), told, before.told, before.rested + 1)
         if before.rested + 1 < RESTED:
             return self._trust
+        if self._narrowed < LONGEST:  # from here on (16b) has it
+            self._trust = self._narrowed
+            self._narrow_to(LONGEST)
         off, left = sqrt(self._foreseen.off), float(np.linalg.norm(np.nan_to_num(before.told[[ERROR, ANGLE]]) * self._weight))
         step = float(np.abs((before.told - before.begun)[FREE : FREE + self._count] / self._unit).max())
         missing, gain = off - left, sqrt(before.off) - left
@@ -264,7 +301,7 @@ class ControlStep:
         for name, field in LOOKED_AT.items():
             kept[name].assign(record[:, fields[field]].reshape(kept[name].numpy().shape))
         kept["good_values"].assign(values)
-        for name in ("last_kind", "motion"):
+        for name in ("last_kind", "motion", "foresaw"):
             kept[name].zero_()
         self._whole.write(record[:, fields["unknowns"]], values)
         told[SINGULAR], told[FREE : FREE + k], told[FREE + 8 * k :] = 0.0, values[0], 0.0
@@ -311,7 +348,7 @@ class ControlStep:
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=self._problem.device))
         for name in ("limits", "low", "high"):
             setattr(state, name, self._limits[name].array)
-        state.longest = self._longest.array
+        state.longest, state.nearby = self._longest.array, self._nearby.array
         state.watched, state.curvature = self._watch.state, float(self._problem.curvature_scale()[0])
         state.weight, state.gain, state.kind = wp.vec2d(*self._weight), wp.vec2d(*self._gains), wp.vec3i(*kind)
         self._states.append(state)

@@ -10,14 +10,14 @@ from multirod.kernels.own_module import own_module
 from multirod.models.rotation_kernels import rotation_from_vector, rotation_vector
 from multirod.status import Status
 from multirod.tasks.condensed_kernels import across, axis_rows, condense, position_rows, rotation_rows, sighted_rows, tilt
-from multirod.tasks.controlling.control_step_kernels import LEFT_OVER, ON_TARGET, Control, bounded, factor, place_start
+from multirod.tasks.controlling.control_step_kernels import LEFT_OVER, ON_TARGET, Control, bounded, factor, holds, place_start
 from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, stand, strayed
 
 f64 = wp.float64
 
 # where the numbers of a sample stand in ``told``
-# the last: p, the pose's columns by p, row by row, at_limit; then of each limit whether it holds
-ERROR, SINGULAR, HELD, OFFSET, TARGET, ANGLE, FREE = 0, 1, 2, 3, 6, 9, 10
+# SURPRISE is (16d); the last: p, the pose's columns by p, row by row, at_limit; then of each limit whether it holds
+ERROR, SINGULAR, HELD, OFFSET, TARGET, ANGLE, SURPRISE, FREE = 0, 1, 2, 3, 6, 9, 10, 11
 
 
 @wp.func
@@ -62,6 +62,44 @@ def place_target(s: Control, t: int):
         rotation_rows(s.task, s.step.r, s.step.J, t, row, back * s.rotation[t], s.weight[1])
     if s.kind[2] != 0:
         axis_rows(s.task, s.step.r, s.step.J, t, row, back * s.axis[t], s.weight[1])
+
+
+@wp.func(inline=False)
+def look_back(s: Control, t: int):
+    """(16d) How far the tip is from where the last sample foresaw it, as the target's rows count it; 0 where none did."""
+    if s.foresaw[t] == 0:
+        return
+    off = s.task.position[t] - s.foreseen_position[t]
+    turn = rotation_vector(s.task.rotation[t] * wp.transpose(s.foreseen_rotation[t]))
+    for i in range(3):
+        off[i] = off[i] + s.task.carried[t, i, 0]
+        turn[i] = turn[i] + s.task.carried[t, 3 + i, 0]
+    if s.kind[0] == 2:
+        off = across(s.across[t]) * off
+    if s.kind[2] != 0:
+        turn = turn - wp.dot(turn, s.axis[t]) * s.axis[t]
+    total = f64(0.0)
+    if s.kind[0] != 0:
+        total += s.weight[0] * s.weight[0] * wp.length_sq(off)
+    if s.kind[1] + s.kind[2] != 0:
+        total += s.weight[1] * s.weight[1] * wp.length_sq(turn)
+    s.told[t, wp.static(SURPRISE)] = wp.sqrt(total)
+
+
+@wp.func
+def foresee(s: Control, t: int, moved: bool):
+    """(16d) Where the tip is to be at the next sample's place, to first order: ``change`` from the command if it ``moved``."""
+    move = wp.vec3d()
+    turn = wp.vec3d()
+    if moved:
+        for i in range(3):
+            for j in range(s.unit.shape[0]):
+                change = s.unit[j] * s.step.change[t, j]
+                move[i] = move[i] + s.task.carried[t, i, 1 + j] * change
+                turn[i] = turn[i] + s.task.carried[t, 3 + i, 1 + j] * change
+    s.foreseen_position[t] = s.tip_position[t] + move
+    s.foreseen_rotation[t] = rotation_from_vector(turn) * s.tip_rotation[t]
+    s.foresaw[t] = 1
 
 
 @wp.func
@@ -169,7 +207,7 @@ def tell(s: Control, t: int):
             angle += left * left
     held = int(0)
     for i in range(s.low.shape[0]):
-        if s.step.held[t, i] != 0:
+        if holds(s.step, i, t):
             held = 1
             s.told[t, wp.static(FREE) + 8 * k + i] = f64(1.0)
             for j in range(k):
@@ -208,6 +246,7 @@ def fail(s: Control, t: int):
     for j in range(k):
         s.values[t, j] = s.good_values[t, j]
         s.task.inputs[t, s.task.places[j]] = s.values[t, j]
+    s.foresaw[t] = 0
     s.last_kind[t] = wp.vec3i()
     s.motion[t, 0] = wp.vec3d()
     s.motion[t, 1] = wp.vec3d()
@@ -236,6 +275,7 @@ def make_control():
         else:
             condense(s.task, t)
             place_target(s, t)
+            look_back(s, t)
             status = judge(s, t)
         if status != wp.static(int(Status.TRACKING)):
             fail(s, t)
@@ -249,6 +289,8 @@ def make_control():
             tell(s, t)
             if s.told[t, wp.static(HELD)] != f64(0.0):
                 status = wp.static(int(Status.AT_LIMIT))
+            if s.told[t, wp.static(SINGULAR)] != f64(0.0):
+                status = wp.static(int(Status.OFF_TARGET))
             if s.watched.on != 0:
                 stand(s.watched, s.task, t, s.unit)
             gone = place_start(s, t, True)
@@ -265,11 +307,13 @@ def make_control():
                 s.good_unknowns[t, i] = s.task.unknowns[t, i]
             for j in range(k):
                 s.good_values[t, j] = s.values[t, j]
-            if moving or s.pulled != 0:
+            ahead = moving or s.pulled != 0
+            if ahead:
                 for i in range(s.ahead.shape[1]):
                     s.step.r[t, i] = s.ahead[t, i]
                 bounded(s, t, 1)
                 place_start(s, t, False)
+            foresee(s, t, ahead)
         for j in range(k):
             s.told[t, wp.static(FREE) + j] = s.good_values[t, j]
         s.status[t] = status

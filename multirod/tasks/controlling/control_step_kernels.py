@@ -5,11 +5,14 @@ import warp as wp
 
 from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.tasks.condensed_kernels import Condensed
-from multirod.tasks.programme_kernels import Programme, keep_limits, place_rows
+from multirod.tasks.limits import NEAR
+from multirod.tasks.programme_kernels import Programme, along_limit, keep_limits, place_rows, row_size
 from multirod.tasks.watch_kernels import Watched
 
 f64 = wp.float64
 SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what moves the tip most is damped
+SOFTER = 10.0  # times that, if a step is longer than it may be where the target is beyond reach, (16d)
+TIMES = 6
 LONGEST = 0.3  # step of a sample, in units (9)
 ON_TARGET = 4e-7  # of a target, in lengths of the longest rod and rad, within which a limit does not hold it back
 PULL = 0.05  # of the way to what is preferred, in a sample
@@ -55,11 +58,15 @@ class Control:
     last_rotation: wp.array[wp.mat33d]
     last_axis: wp.array[wp.vec3d]
     motion: wp.array2d[wp.vec3d]  # (16) D
+    foreseen_position: wp.array[wp.vec3d]  # (16d) of the tip, at the place of this sample's integration
+    foreseen_rotation: wp.array[wp.mat33d]
+    foresaw: wp.array[int]  # whether that is known
     begun: wp.array[wp.float64]  # the sign of det Gamma at the start, 0 before
     good_unknowns: wp.array2d[wp.float64]
     good_values: wp.array2d[wp.float64]
     watched: Watched
     longest: wp.array[wp.float64]  # step of a sample, in units (9)
+    nearby: wp.array[wp.float64]  # (16d) the same, that a softer one is taken for
     curvature: wp.float64  # scale of unknowns [1/m], whose steps are told by it, those of values in units (9)
     doubt: wp.array[int]  # what has to be done about the sample, as ``watch_kernels`` says
     # of the sample before, for one that turns out not to be stable
@@ -165,6 +172,20 @@ def factor(s: Control, t: int):
 
 
 @wp.func(inline=False)
+def within(s: Control, t: int, side: int) -> f64:
+    """(8) The step of a column of ``sides`` within limits, into ``change``; how long it is."""
+    longest = f64(0.0)
+    for j in range(s.unit.shape[0]):
+        s.step.change[t, j] = s.step.sides[t, j, side]
+        if s.pulled != 0:
+            s.step.pull[t, j] = f64(side) * s.pull[t, j]
+    keep_limits(s.step, t)
+    for j in range(s.unit.shape[0]):
+        longest = wp.max(longest, wp.abs(s.step.change[t, j]))
+    return longest
+
+
+@wp.func(inline=False)
 def bounded(s: Control, t: int, side: int):
     """(7) The step of a sample into ``change``, within limits, and no longer than it may be."""
     k = s.unit.shape[0]
@@ -174,17 +195,27 @@ def bounded(s: Control, t: int, side: int):
             at += s.limits[i, j] * s.values[t, j]
         s.step.low[t, i] = wp.min(s.low[i] - at, f64(0.0))
         s.step.high[t, i] = wp.max(s.high[i] - at, f64(0.0))
-    for j in range(k):
-        s.step.change[t, j] = s.step.sides[t, j, side]
-        if s.pulled != 0:
-            s.step.pull[t, j] = f64(side) * s.pull[t, j]
-    keep_limits(s.step, t)
-    longest = f64(0.0)
-    for j in range(k):
-        longest = wp.max(longest, wp.abs(s.step.change[t, j]))
+    longest = within(s, t, side)
+    if side == 0 and s.nearby[t] < f64(wp.static(LONGEST)):
+        for _time in range(wp.static(TIMES)):
+            if longest > s.nearby[t]:
+                s.step.softness[t] = f64(wp.static(SOFTER)) * s.step.softness[t]
+                solve_rows(s, t)
+                if s.pulled != 0:
+                    pull(s, t)
+                longest = within(s, t, side)
     if longest > s.longest[t]:
         for j in range(k):
             s.step.change[t, j] = s.step.change[t, j] * (s.longest[t] / longest)
+
+
+@wp.func
+def holds(q: Programme, i: int, t: int) -> bool:
+    """Whether a limit that holds the step of (7) holds that which is taken too: a part of it may end before."""
+    if q.held[t, i] == 0:
+        return False
+    end = wp.where(q.held[t, i] > 0, q.high[t, i], q.low[t, i])
+    return wp.abs(end - along_limit(q.limits, i, q.change, t)) <= f64(wp.static(NEAR)) * row_size(q, i)
 
 
 @wp.func

@@ -227,8 +227,9 @@ class Controller(Uncopied, Generic[Robot_co]):
 
         Returns:
             The inputs to apply, with the equilibrium that they lead to. ``TRACKING``; ``AT_LIMIT`` where a limit holds the tip
-            back. A failure is ``UNSTABLE`` where the command is known not to be stable, or that of the integration; the next
-            sample then starts from the last good one. ``integrations`` is 2 and more where the command itself was looked at.
+            back, ``OFF_TARGET`` where none does and it is off all the same. A failure is ``UNSTABLE`` where the command is known
+            not to be stable, or that of the integration; the next sample then starts from the last good one. ``integrations`` is
+            2 and more where the command itself was looked at.
 
         Raises:
             TypeError: If a name is not an input of the robot, or is free.
