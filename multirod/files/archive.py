@@ -40,8 +40,6 @@ def read(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: If the file is none that it wrote, or broken.
     """
-    if not path.exists():
-        raise FileNotFoundError(f"there is no file {path}")
     if not is_zipfile(path):
         refuse("path", str(path), "it is none that multirod wrote")
     try:

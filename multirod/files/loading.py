@@ -47,6 +47,8 @@ def load(path: str | os.PathLike[str], *, robot: Assembly | None = None) -> Any:
         refuse("path", str(file), f"must end in {' or '.join(ENDINGS)}{only}")
     if robot is not None:
         instance("load.robot", robot, Assembly, "the robot of the inputs")
+    if not file.exists():
+        raise FileNotFoundError(f"there is no file {file}")
     table = text.parsed(file) if ending == ".toml" else archive.read(file)
     where = f"{file.name}: "
     _check_version(table.pop("version", 1), where)
