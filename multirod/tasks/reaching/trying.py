@@ -18,6 +18,7 @@ from multirod.tasks.controlling.shape_limits import INSET
 from multirod.tasks.formulation import Task
 from multirod.tasks.freed import whole, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
+from multirod.tasks.reaching.easing import eased
 from multirod.tasks.reaching.goals import Goals, Place, Prefer
 from multirod.tasks.reaching.nearing import neared
 from multirod.tasks.reaching.reached import ShapeHolds
@@ -107,6 +108,7 @@ def search_part(
     if not search.all_reached:
         search.returned()
         neared(search)
+        eased(search)
     search.leave()
     return search
 
