@@ -88,7 +88,8 @@ class ControlStep:
         problem = task.problem
         self._whole, self._watch = task, watch
         self._problem, device = problem, problem.device
-        self._rows, self._unit, self._weight, self._gains, self._centre = rows, unit, weight, gains, centre
+        self._rows, self._unit, self._gains, self._centre = rows, unit, gains, centre
+        self._weight = float(weight[0]), float(weight[1])
         vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
         vectors |= {"seen_position": wp.vec3d, "seen_rotation": wp.mat33d}
         self._given = {name: Shared((1,), dtype, device) for name, dtype in vectors.items()}
@@ -121,7 +122,6 @@ class ControlStep:
         self._limits = {name: Shared(size, wp.float64, device) for name, size in each.items()}
         self._longest = Shared((1,), wp.float64, device)
         self._longest.write(LONGEST)
-        self._scale = float(weight[0]), float(weight[1])
         self._nearby = Shared((1,), wp.float64, device)
         self._nearby.write(LONGEST)
         # (16d), and of the last sample: what it gained, what it left, what was told of it, what was not free
@@ -211,8 +211,7 @@ class ControlStep:
 
     def _narrow(self, told: FloatArray) -> None:
         """(16d) How far to go along what moves the tip little, where a target is out of reach and steps lead elsewhere."""
-        error, angle, near = float(told[ERROR]), float(told[ANGLE]), ON_TARGET * self._scale[1]
-        left = hypot(0.0 if isnan(error) else error * self._scale[0], 0.0 if isnan(angle) else angle * self._scale[1])
+        left, near = self._left(told), ON_TARGET * self._weight[1]
         gain, before, last, under = self._asked
         if left <= near and before <= near and self._narrowed == LONGEST:
             self._asked = 0.0, left, told, self._under
@@ -221,12 +220,20 @@ class ControlStep:
         self._asked = sqrt(float(rows @ rows)) - left, left, told, self._under
         surprise, most, longest = float(told[SURPRISE]), max(ASTRAY * gain, NOTED * before), self._narrowed
         if surprise > most and before > near and under == self._under:  # else a load may have moved the tip
-            step = float(np.abs((told - last)[FREE : FREE + self._count] / self._unit).max())
-            longest = max(0.5 * min(longest, step), NEAREST)
+            longest = max(0.5 * min(longest, self._moved(last, told)), NEAREST)
         elif surprise <= ASTRAY * most:
             longest = min(1.5 * longest, LONGEST)
         if self._foreseen is None or self._foreseen.rested < RESTED:
             self._narrow_to(longest)
+
+    def _left(self, told: FloatArray) -> float:
+        """What a sample leaves of its target to first order, as the target's rows count it."""
+        off = float(told[ERROR]) * self._weight[0], float(told[ANGLE]) * self._weight[1]
+        return hypot(*(0.0 if isnan(part) else part for part in off))
+
+    def _moved(self, before: FloatArray, after: FloatArray) -> float:
+        """The longest step of what is free from one sample to another, in units (9)."""
+        return float(np.abs((after - before)[FREE : FREE + self._count] / self._unit).max())
 
     def _narrow_to(self, longest: float) -> None:
         if longest != self._narrowed:
@@ -248,8 +255,8 @@ class ControlStep:
         if self._narrowed < LONGEST:  # from here on (16b) has it
             self._trust = self._narrowed
             self._narrow_to(LONGEST)
-        off, left = sqrt(self._foreseen.off), float(np.linalg.norm(np.nan_to_num(before.told[[ERROR, ANGLE]]) * self._weight))
-        step = float(np.abs((before.told - before.begun)[FREE : FREE + self._count] / self._unit).max())
+        off, left = sqrt(self._foreseen.off), self._left(before.told)
+        step = self._moved(before.begun, before.told)
         missing, gain = off - left, sqrt(before.off) - left
         # what the pull (16c) moves the tip by, to second order, is no fault of the step before
         pulled = self._count > len(rows) and self._centre is not None and left <= ON_TARGET * self._weight[1]

@@ -1,22 +1,16 @@
 """Steps of estimates that stay within what the robot can do. Numbers in parentheses: ``docs/tasks.md``."""
 
-from typing import Any
-
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
-from multirod.launch import record
 from multirod.tasks.estimating.inference import Posterior
 from multirod.tasks.limits import LimitRows
-from multirod.tasks.programme import programme
-from multirod.tasks.programme_kernels import make_keeping
+from multirod.tasks.programme import within_limits
 from multirod.validation import FloatArray
 
 SOFTNESS = 1e-14  # of the largest number squared: bounds a step along what nothing is told of, and slows none that is told of
 AT_LIMIT = 1e-8  # in units (9), what still is at a limit
 LIMIT_ROUNDING = 1e-12  # likewise, what of a number is rounding where it is at its limit
-HOST = "cpu"  # where steps of estimates are planned, whatever device integrates
 
 
 class Bounds:
@@ -107,14 +101,13 @@ class Bounds:
     ) -> tuple[FloatArray, FloatArray]:
         """(8) For rows ``stacked d + sides`` that an orthogonal matrix makes as few as there are numbers."""
         turned, R = np.linalg.qr(stacked * unit)
-        count, k = free.shape
-        q: Any = programme(count, R.shape[1], k, len(low[0]), HOST)
-        q.limits = wp.zeros((len(low[0]), k), dtype=wp.float64, device=HOST)
-        values: dict[str, Any] = {"J": R, "r": (np.swapaxes(turned, 1, 2) @ sides[..., None])[..., 0]}
-        values |= {"softness": SOFTNESS * np.abs(R).max(axis=(1, 2)) ** 2, "low": low, "high": high, "change": free / unit}
-        values |= {"limits": self.rows.matrix * unit}
-        for name, own in values.items():
-            getattr(q, name).numpy()[...] = own
-        record(make_keeping, count, [q], HOST).launch()
-        change = q.change.numpy()
+        change = within_limits(
+            self.rows.matrix * unit,
+            J=R,
+            r=(np.swapaxes(turned, 1, 2) @ sides[..., None])[..., 0],
+            softness=SOFTNESS * np.abs(R).max(axis=(1, 2)) ** 2,
+            low=low,
+            high=high,
+            change=free / unit,
+        )
         return change * unit, np.linalg.norm((R @ change[..., None])[..., 0], axis=1)

@@ -3,12 +3,9 @@
 from typing import Any
 
 import numpy as np
-import warp as wp
 
-from multirod.launch import record
 from multirod.status import Status
-from multirod.tasks.programme import programme
-from multirod.tasks.programme_kernels import make_keeping
+from multirod.tasks.programme import within_limits
 from multirod.tasks.reaching.goals import Place
 from multirod.tasks.reaching.search import AT_LIMIT, Search
 from multirod.validation import FloatArray
@@ -17,7 +14,7 @@ WORTH = 0.01  # of what is left, that a unit (9) of what is free is to gain with
 AS_NEAR = 1.05  # times what is left at best, which is all but as near
 MATTERS = 0.03  # of the largest singular value of J: directions in which the tip is moved
 RADIUS, STEPS, AT_REST = 1.0, 40, 1e-3  # of steps, in units (9)
-SOFT, HOST = 1e-8, "cpu"
+SOFT = 1e-8  # of the largest number of J, squared
 
 
 def gained(r: FloatArray, J: FloatArray) -> float:
@@ -44,14 +41,8 @@ def _change(search: Search, r: FloatArray, J: FloatArray, p: FloatArray, pull: F
     low, high = (end - goals.limits.matrix @ p for end in goals.limits.inset(goals.unit))
     soft = SOFT * float(np.abs(J).max()) ** 2
     free = np.linalg.solve(J.T @ J + soft * np.eye(len(p)), soft * pull - J.T @ r)
-    q: Any = programme(1, len(r), len(p), len(low), HOST)
-    q.limits = wp.array(goals.limits.matrix * goals.unit, dtype=wp.float64, device=HOST, ndim=2, shape=(len(low), len(p)))
-    values: dict[str, Any] = {"J": J, "r": r, "softness": soft, "pull": pull, "change": free}
-    values |= {"low": np.minimum(low, 0.0), "high": np.maximum(high, 0.0)}
-    for name, own in values.items():
-        getattr(q, name).numpy()[0] = own
-    record(make_keeping, 1, [q], HOST).launch()
-    change = np.array(q.change.numpy()[0])
+    row: dict[str, Any] = {"J": J[None], "r": r[None], "low": low[None], "high": high[None], "change": free[None]}
+    change: FloatArray = within_limits(goals.limits.matrix * goals.unit, softness=soft, pull=pull[None], **row)[0]
     return change / max(1.0, float(np.abs(change).max()) / RADIUS)
 
 

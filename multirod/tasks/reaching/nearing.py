@@ -3,12 +3,9 @@
 from typing import Any
 
 import numpy as np
-import warp as wp
 
-from multirod.launch import record
 from multirod.status import Status
-from multirod.tasks.programme import programme
-from multirod.tasks.programme_kernels import make_keeping
+from multirod.tasks.programme import within_limits
 from multirod.tasks.reaching.goals import Place
 from multirod.tasks.reaching.search import AT_LIMIT, REACHED, Search
 from multirod.validation import FloatArray
@@ -17,7 +14,6 @@ STEPS = 30
 SOFT, HARD = 1e-12, 1e2  # of the largest number of J, squared: least damping, and that from which on nothing comes nearer
 FIRST, SOFTER, HARDER = 1e-3, 0.1, 4.0
 WORTH = 1e-4  # of what is left, that a step is to take off
-HOST = "cpu"
 
 
 class Nearing:
@@ -37,14 +33,8 @@ class Nearing:
         low, high = (end - self._goals.limits.matrix @ p for end in self._ends)
         soft = softness * float(np.abs(J).max(initial=1e-150)) ** 2
         free = -J.T @ np.linalg.solve(J @ J.T + soft * np.eye(len(r)), r)
-        q: Any = programme(1, len(r), len(p), len(low), HOST)
-        q.limits = wp.array(self._matrix, dtype=wp.float64, device=HOST, ndim=2, shape=(len(low), len(p)))
-        values: dict[str, Any] = {"J": J, "r": r, "softness": soft, "change": free}
-        values |= {"low": np.minimum(low, 0.0), "high": np.maximum(high, 0.0)}
-        for name, own in values.items():
-            getattr(q, name).numpy()[0] = own
-        record(make_keeping, 1, [q], HOST).launch()
-        change = np.array(q.change.numpy()[0])
+        row: dict[str, Any] = {"J": J[None], "r": r[None], "low": low[None], "high": high[None], "change": free[None]}
+        change = within_limits(self._matrix, softness=soft, **row)[0]
         return change, 1.0 - float(np.linalg.norm(r + J @ change) / np.linalg.norm(r))
 
     def of(self, row: int) -> bool:
