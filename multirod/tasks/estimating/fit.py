@@ -134,18 +134,18 @@ class Fit:
         """(26) By others than the shape that fits worst, or than those that did at the start, from ``x`` and ``p`` as ever, then
         by all from where the robot that fits these comes to rest; what is less likely is left."""
         worst, far = self.squares.argsort()[-1:], self.first.argsort()[::-1][: int(LEFT_OUT * len(x))]
-        others = self
-        for left in (worst, far):
-            if not len(left):
-                continue
-            others = self._anew(self.measured.without(left), x, p, begin)
-            others.degrees -= int(self.measured.known[left].sum())
-            others._run(most)
-            self.integrations += others.integrations
-            if others.status is Status.CONVERGED and consistent(others.square, others.degrees):
-                self.odd = Odd(tuple(left.tolist()), float(others.square), others.degrees)
-                break
-        if others.status is not Status.CONVERGED:
+        others: Fit | None = None
+        for left in filter(len, (worst, far)):  # few shapes have none that are far
+            fewer = self._anew(self.measured.without(left), x, p, begin)
+            fewer.degrees -= int(self.measured.known[left].sum())
+            fewer._run(most)
+            self.integrations += fewer.integrations
+            if fewer.status is Status.CONVERGED:
+                others = fewer
+                if consistent(fewer.square, fewer.degrees):
+                    self.odd = Odd(tuple(left.tolist()), float(fewer.square), fewer.degrees)
+                    break
+        if others is None:
             return
         shapes = solve(others.robot, self.inputs, solver=self.solver, device=self.device, progress=False)
         self.integrations += int(shapes.integrations.max(initial=0))
