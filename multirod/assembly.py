@@ -10,6 +10,7 @@ import numpy as np
 
 from multirod import plausibility
 from multirod.batch import IntArray, broadcast_shapes
+from multirod.by_name import arranged, each_named
 from multirod.designs import Designs
 from multirod.elimination import Elimination
 from multirod.inputs import Inputs, InputSpec
@@ -141,8 +142,8 @@ class Assembly(Asked, Designs, ReadOnly, ABC):
 
     @property
     def numbers_by_name(self) -> Mapping[str, Mapping[str, int]]:
-        """Of inputs that are taken by name, how many numbers each of those named has, in their order."""
-        return {}
+        """Of inputs that are taken by name, of rods or lines, how many numbers each of those named has, in their order."""
+        return each_named(self.rods, self.input_specs)
 
     @property
     def driven(self) -> tuple[str, ...] | None:
@@ -201,6 +202,8 @@ class Assembly(Asked, Designs, ReadOnly, ABC):
         for name in values.keys() & DRIVES:
             if all(spec.name != name for spec in self.input_specs):
                 refuse(name, values[name], f"must not be given: no rod has a line that is driven by it{self._driven(name)}")
+        if any(isinstance(value, Mapping) for value in values.values()):
+            values = self._arranged(values)
         needs_length = any(callable(value) for value in values.values())
         reach = 0.0, np.inf
         if needs_length:
@@ -212,6 +215,14 @@ class Assembly(Asked, Designs, ReadOnly, ABC):
         self.check(result)
         result.checked_by(self)
         return result
+
+    def _arranged(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Values with those in order that are given by name, where they can be."""
+        sizes = self.numbers_by_name
+        return {
+            name: arranged(name, value, sizes[name]) if isinstance(value, Mapping) and sizes.get(name) else value
+            for name, value in values.items()
+        }
 
     def _driven(self, name: str) -> str:
         """What drives the lines that there are in the place of ``name``, as a message ends."""

@@ -1,20 +1,69 @@
-"""Inputs that are given by the names of rods, bodies or joints: where their numbers stand, and what a change of some leaves."""
+"""Inputs given by the names of rods, lines, bodies or joints: where their numbers stand, and what a change of some leaves."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import accumulate
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from multirod.assembly import Assembly
-from multirod.inputs import Inputs
+import numpy as np
+
+from multirod.inputs import Inputs, InputSpec
+from multirod.naming import meant
+from multirod.rod import Rod
+from multirod.validation import Described, FloatArray, array, refuse
+
+if TYPE_CHECKING:
+    from multirod.assembly import Assembly
 
 
-def parts_of(robot: Assembly, name: str) -> dict[str, slice]:
+def each_named(rods: Sequence[Rod], specs: Iterable[InputSpec]) -> dict[str, dict[str, int]]:
+    """How many numbers of inputs per rod, or of what drives lines, belong to each by its name: to lines where each that is
+    driven so has a name of its own, or else to their rods where each of these has one."""
+    names = [rod.name for rod in rods]
+    result = {}
+    for spec in specs:
+        if spec.per_rod:
+            owners, others = names, names
+        elif spec.acts == "lines":
+            driven = [(line.name, rod.name) for rod in rods for line in rod.lines if line.drive and line.drive[0] == spec.name]
+            owners, others = [line for line, _ in driven], [rod for _, rod in driven]
+        else:
+            continue
+        if _differ(owners):
+            result[spec.name] = dict.fromkeys(owners, 1)
+        elif _differ(names):
+            result[spec.name] = {name: others.count(name) for name in names if name in others}
+    return result
+
+
+def _differ(names: Sequence[str]) -> bool:
+    return all(names) and len(set(names)) == len(names)
+
+
+def arranged(name: str, value: Mapping[Any, Any], sizes: Mapping[str, int]) -> FloatArray:
+    """Values by name as an array (..., numbers of all), as many numbers each as ``sizes`` says, which are in order; zero what is
+    not named."""
+    parts: dict[str, FloatArray] = {part: np.zeros(size) for part, size in sizes.items()}
+    for key, part in value.items():
+        if key not in sizes:
+            hint = meant(key, sizes) if isinstance(key, str) else ""
+            refuse(name, key, f"must be by name, one of {', '.join(map(repr, sizes))}{hint}")
+        own = array(f"{name}[{key!r}]", part, (sizes[key],) if sizes[key] > 1 else ())
+        parts[key] = own if sizes[key] > 1 else own[..., None]
+    try:
+        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
+    except ValueError:
+        shapes = ", ".join(f"{key!r} {part.shape[:-1]}" for key, part in parts.items() if part.ndim > 1)
+        refuse(name, Described(f"leading axes {shapes}"), "these must broadcast")
+    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts.values()], axis=-1)
+
+
+def parts_of(robot: "Assembly", name: str) -> dict[str, slice]:
     """Where among the numbers of an input those stand that are taken by name; none where it is not."""
     sizes = robot.numbers_by_name.get(name, {})
     return {part: slice(end - sizes[part], end) for part, end in zip(sizes, accumulate(sizes.values()), strict=True)}
 
 
-def completed(robot: Assembly, present: Inputs, changes: Mapping[str, Any]) -> dict[str, Any]:
+def completed(robot: "Assembly", present: Inputs, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Changes of inputs, those by name with the present values of what they do not name."""
     result = dict(changes)
     for name, value in changes.items():

@@ -137,8 +137,9 @@ class Inputs(ReadOnly):
             if value is None and spec.optional:
                 continue
             if isinstance(value, Mapping):
-                shape = f"(..., {spec.size(rod_count)})"
-                refuse(name, value, f"must be numbers in their order, shape {shape}: by name they are given to a Network")
+                each = "rod" if spec.per_rod else "of these lines" if spec.acts == "lines" else ""
+                unnamed = f": they are taken by name where each {each} has a name of its own" if each else ""
+                refuse(name, value, f"must be numbers in their order, shape (..., {spec.size(rod_count)}){unnamed}")
             if spec.function and callable(value):
                 resolved = isinstance(value, Profile) and value.ends[-1] >= length
                 self._profiles[name] = value if resolved else fit(name, value, length, shortest=shortest)

@@ -754,11 +754,11 @@ GROUPS: dict[str, list[Mistake]] = {
             "mr.Status.CONVERGED",
         ),
         Mistake(
-            "tensions by the names of lines",
+            "tensions by names that lines do not have",
             "pulled.inputs(tension={'first': 1})",
             ValueError,
-            "must be numbers in their order, shape (..., 1): by name they are given to a Network",
-            "numbers in the order of the lines",
+            "shape (..., 1): they are taken by name where each of these lines has a name of its own",
+            "Tendon(name='first', ...), or numbers in the order of the lines",
         ),
         Mistake(
             "inputs without names", "robot.inputs((1, 0, 0))", TypeError, "inputs are named", "robot.inputs(tip_force=(1, 0, 0))"

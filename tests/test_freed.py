@@ -103,7 +103,7 @@ def test_limits_by_name(robot, start, aimed):
     [
         ({"translation": ["rod 9"]}, {}, ValueError, r"free\['translation'\] = 'rod 9' .* must be one of .*'rod 2'"),
         ({"translation": []}, {}, ValueError, "must be names, each once"),
-        ({"gravity": ["rod 0"]}, {}, ValueError, "only what a Network takes by name is"),
+        ({"gravity": ["rod 0"]}, {}, ValueError, "the robot takes this input by no names"),
         ({"pull": None}, {}, TypeError, "takes no 'pull'"),
         ("translation", {"rod 9": (0, 1)}, ValueError, r"Limits.translation = 'rod 9' .* one of 'rod 0', 'rod 1', 'rod 2'"),
         ("translation", {"backbone 1": (0, 1e-3)}, ValueError, "must be one of 'rod 0', 'rod 1', 'rod 2'"),
@@ -117,9 +117,9 @@ def test_names_that_are_not_there(robot, start, aimed, free, limits, kind, said)
 
 def test_robots_without_names_take_none():
     single = mr.SingleRod(WIRE)
-    with pytest.raises(ValueError, match="only what a Network takes by name is"):
+    with pytest.raises(ValueError, match="the robot takes this input by no names"):
         mr.reach(single, mr.Pose(position=(0, 0, 0.3)), free={"tip_force": ["tip"]})
-    with pytest.raises(ValueError, match="only what a Network takes by name is"):
+    with pytest.raises(ValueError, match="the robot takes this input by no names"):
         mr.reach(single, mr.Pose(position=(0, 0, 0.3)), free="tip_force", limits=mr.Limits(tip_force={"tip": (0, 1)}))
 
 

@@ -26,10 +26,10 @@ class Fields(TypedDict, total=False):
 class RobotInputs(Fields, total=False):
     """What every robot of this package takes."""
 
-    rotation: Numbers
-    """Angle of each rod's base about its axis [rad], shape (..., rod_count); one number is the same for all."""
-    translation: Numbers
-    """How far each rod is pushed out of its base [m], shape (..., rod_count). Of tubes behind a plate <= 0."""
+    rotation: ByName
+    """Angle of each rod's base about its axis [rad], shape (..., rod_count), or by name; one number is the same for all."""
+    translation: ByName
+    """How far each rod is pushed out of its base [m], shape (..., rod_count), or by name. Of tubes behind a plate <= 0."""
     tip_force: Numbers
     """Dead force on the tip, or the platform, world frame [N], shape (..., 3)."""
     tip_moment: Numbers
@@ -55,14 +55,14 @@ class ConcentricTubesInputs(RobotInputs, total=False):
     """Acceleration, world frame [m/s^2], shape (..., 3); acts on ``linear_density``, which must be given."""
     magnetic_field: Numbers
     """Uniform magnetic field, world frame [T], shape (..., 3); acts on ``magnetisation``, which must be given."""
-    tension: Numbers
+    tension: ByName
     """Where rods have such lines: tension of each line that is driven by it [N], >= 0, shape (..., line_count), in the order of
-    the rods' lines; one number pulls all of them alike."""
-    pressure: Numbers
-    """Pressure in each chamber [Pa], shape (..., chamber_count), in their order; one number is that of all of them."""
-    displacement: Numbers
-    """How far each line that is driven by it is pulled out of the base [m], shape (..., line_count), in their order; one
-    number is that of all of them."""
+    the rods' lines, or by name; one number pulls all of them alike."""
+    pressure: ByName
+    """Pressure in each chamber [Pa], shape (..., chamber_count), in their order, or by name; one number is that of all."""
+    displacement: ByName
+    """How far each line that is driven by it is pulled out of the base [m], shape (..., line_count), in their order, or by
+    name; one number is that of all of them."""
 
 
 class SingleRodInputs(ConcentricTubesInputs, total=False):
@@ -91,10 +91,10 @@ class InverseParallelRodsInputs(ParallelRodsInputs, total=False):
 class HeldRodInputs(Fields, total=False):
     """Inputs of ``HeldRod``."""
 
-    rotation: Numbers
-    """Angle of the rod's base about its axis [rad], shape (..., rod_count)."""
-    translation: Numbers
-    """How far the rod is pushed out of its base [m], shape (..., rod_count)."""
+    rotation: ByName
+    """Angle of the rod's base about its axis [rad], shape (..., rod_count), or by name."""
+    translation: ByName
+    """How far the rod is pushed out of its base [m], shape (..., rod_count), or by name."""
     end_position: Numbers
     """How far what holds the end is moved, world frame [m], shape (..., 3)."""
     end_rotation: Numbers
@@ -111,12 +111,12 @@ class HeldRodInputs(Fields, total=False):
     """Acceleration, world frame [m/s^2], shape (..., 3); acts on ``linear_density``, which must be given."""
     magnetic_field: Numbers
     """Uniform magnetic field, world frame [T], shape (..., 3); acts on ``magnetisation``, which must be given."""
-    tension: Numbers
-    """Tension of each line that is driven by it [N], >= 0, shape (..., line_count)."""
-    pressure: Numbers
-    """Pressure in each chamber [Pa], shape (..., chamber_count)."""
-    displacement: Numbers
-    """How far each line that is driven by it is pulled out of the base [m], shape (..., line_count)."""
+    tension: ByName
+    """Tension of each line that is driven by it [N], >= 0, shape (..., line_count), or by name."""
+    pressure: ByName
+    """Pressure in each chamber [Pa], shape (..., chamber_count), or by name."""
+    displacement: ByName
+    """How far each line that is driven by it is pulled out of the base [m], shape (..., line_count), or by name."""
 
 
 class NetworkInputs(Fields, total=False):
@@ -277,7 +277,8 @@ def listed(*specs: InputSpec) -> Callable[[Method], Method]:
 def _described(spec: InputSpec) -> str:
     count = "rod_count" if spec.per_rod else "line_count" if spec.acts == "lines" else "3"
     function = ", or a function of the arclength" if spec.function else ""
-    return f"{spec.description[0].upper()}{spec.description[1:]} [{spec.unit}], shape (..., {count}){function}."
+    named = ", or by name" if spec.per_rod or spec.acts == "lines" else ""
+    return f"{spec.description[0].upper()}{spec.description[1:]} [{spec.unit}], shape (..., {count}){named}{function}."
 
 
 def _default(spec: InputSpec) -> object:

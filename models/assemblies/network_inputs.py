@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from multirod.by_name import arranged
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.single_rod import SingleRod
@@ -20,7 +21,7 @@ from multirod.models.platform.inputs import LEG_INPUTS
 from multirod.naming import meant
 from multirod.read_only import changed
 from multirod.rod import Rod
-from multirod.validation import Described, FloatArray, array, refuse, sequence
+from multirod.validation import refuse, sequence
 
 INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
 OF_ONE = {spec.name: spec for spec in BACKBONE_INPUTS}  # rod, by name
@@ -134,7 +135,8 @@ def driven_rods(given: Sequence[str] | None, rods: Iterable[str]) -> tuple[str, 
 def in_order(name: str, value: object, sizes: Mapping[str, int]) -> object:
     """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
     if isinstance(value, Mapping):
-        return by_name(name, value, sizes)
+        framed = name in ON_PLACES
+        return arranged(name, {_place(key) if framed else key: part for key, part in value.items()}, sizes)
     several = name in (*ON_PLACES, *ON_RODS, *FIXED) and len(sizes) > 1
     if not several or not isinstance(value, (np.ndarray, list, tuple)):
         return value
@@ -150,23 +152,9 @@ def in_order(name: str, value: object, sizes: Mapping[str, int]) -> object:
     return value
 
 
-def by_name(name: str, value: Mapping[str, Any], sizes: Mapping[str, int]) -> FloatArray:
-    """The same of values by name, as many numbers each as ``sizes`` says, which are in order; zero what is not named."""
-    parts: dict[str, FloatArray] = {place: np.zeros(size) for place, size in sizes.items()}
-    for given, part in value.items():
-        framed = isinstance(given, tuple) and len(given) == 2 and name in ON_PLACES
-        key = place_of(*given) if framed else given
-        if key not in sizes:
-            hint = meant(key, sizes) if isinstance(key, str) else ""
-            refuse(name, key, f"must be by name, one of {', '.join(map(repr, sizes))}{hint}")
-        own = array(f"{name}[{key!r}]", part, (sizes[key],) if sizes[key] > 1 else ())
-        parts[key] = own if sizes[key] > 1 else own[..., None]
-    try:
-        shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts.values()))
-    except ValueError:
-        shapes = ", ".join(f"{key!r} {part.shape[:-1]}" for key, part in parts.items() if part.ndim > 1)
-        refuse(name, Described(f"leading axes {shapes}"), "these must broadcast")
-    return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts.values()], axis=-1)
+def _place(key: object) -> object:
+    """A body's frame by the name that it has as a place, ``(body, frame)``; anything else as it is."""
+    return place_of(*key) if isinstance(key, tuple) and len(key) == 2 else key
 
 
 def refuse_around(graph: Graph) -> None:

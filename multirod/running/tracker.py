@@ -189,7 +189,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         Args:
             inputs: All inputs anew; or
             **changes: Inputs by name, those that ``robot.inputs`` takes; what is not named keeps its value, of an input that is
-                given by the names of rods, bodies or joints too.
+                given by the names of rods, lines, bodies or joints too.
 
         Returns:
             The sample's equilibrium or estimate, with its status.

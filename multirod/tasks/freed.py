@@ -17,7 +17,8 @@ AT_BASES = ("rotation", "translation")  # what motors do to the rods that are ``
 
 
 class Freed(tuple[str, ...]):
-    """Names of inputs that a task chooses; of some of them, by ``parts``, only what belongs to the rods, bodies or joints named.
+    """Names of inputs that a task chooses; of some of them, by ``parts``, only what belongs to the rods, lines,
+    bodies or joints named.
 
     Attributes:
         parts: Of these inputs the names of what is chosen.
@@ -124,7 +125,7 @@ def named(field: str, given: str, known: Iterable[str], allowed: Iterable[str] |
     """Refuse a name that is none of ``known``, or of ``allowed``."""
     known, allowed = tuple(known), tuple(known if allowed is None else allowed)
     if not known:
-        refuse(field, given, "must not be by name: only what a Network takes by name is")
+        refuse(field, given, "must not be by name: the robot takes this input by no names (of rods or lines, where each has one)")
     if given not in allowed:
         hint = meant(given, allowed) if isinstance(given, str) else ""
         refuse(field, given, f"must be one of {', '.join(map(repr, allowed))}{hint}")
@@ -154,7 +155,7 @@ def every_label(names: Sequence[str], sizes: Sequence[int]) -> list[str]:
 
 
 def labels_of(robot: Assembly, names: Sequence[str], sizes: Sequence[int]) -> list[str]:
-    """The same of a robot's: by the names of rods, bodies or joints where inputs are taken so."""
+    """The same of a robot's: by the names of rods, lines, bodies or joints where inputs are taken so."""
     result = []
     for name, size in zip(names, sizes, strict=True):
         places = parts_of(robot, name) if size > 1 else {}

@@ -47,8 +47,8 @@ class Limits(ReadOnly):
         stability_margin: Least ``Solution.stability_margin``. Where that is not known, as of loads without a potential, nothing
             is within it: ``OUT_OF_LIMITS``.
         **inputs: Pairs ``(low, high)`` by the name of an input, each a number or one for each rod or line, such as
-            ``translation=([-0.2, -0.1], [0, 0])`` of two tubes; ``inf`` is no limit. Of a ``Network`` also such pairs by names
-            of rods, bodies or joints, ``translation={"rod 0": (-6e-3, 6e-3)}``; what is not named has no limit. Of ``tension``
+            ``translation=([-0.2, -0.1], [0, 0])`` of two tubes; ``inf`` is no limit. Also such pairs by names of rods, lines,
+            bodies or joints, ``translation={"rod 0": (-6e-3, 6e-3)}``; what is not named has no limit. Of ``tension``
             none is below 0: what can push is driven by ``displacement`` or ``pressure``.
 
     Raises:
@@ -276,6 +276,16 @@ def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> L
     names = [label for label, own in zip(labels, kept, strict=True) if own]
     if "translation" in starts:
         for row, least, most, name in _order(robot, given.gap, starts["translation"], labels):
+            chosen = row[own_columns] != 0
+            if not chosen.any():
+                continue
+            if chosen.sum() < np.count_nonzero(row):
+                refuse(
+                    "free['translation']",
+                    getattr(free, "parts", {})["translation"],
+                    f"must be of all tubes in each other, whose bases keep their order ({name} >= {least:g} m): to leave one "
+                    "where it is, give it no room in Limits(translation=...)",
+                )
             rows.append(row[None])
             lows.append(np.array([least]))
             highs.append(np.array([most]))

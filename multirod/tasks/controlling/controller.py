@@ -76,7 +76,7 @@ class Controller(Uncopied, Generic[Robot_co]):
     Args:
         robot: The assembly; without leading axes.
         dt: Time between samples [s].
-        free: Names of the inputs that it chooses; of a ``Network`` also of what, as of ``reach``.
+        free: Names of the inputs that it chooses; also of what, as of ``reach``.
         inputs: Where it begins, and all that is not free: each load that will come, zero or not. Without ``guess`` too: all by
             default, or as near to that as the limits allow.
         limits: Kept at every sample: of the freed inputs, and of the shape. These cost a look at each command, an integration or
@@ -223,7 +223,7 @@ class Controller(Uncopied, Generic[Robot_co]):
                 dropped out: the sample goes on without it, and says so.
             measured_rotation: Its rotation, likewise.
             **changes: Inputs that are not free, by name, where they have changed. Where these are given by the names of rods,
-                bodies or joints, what is not named keeps its value, and what is not free may change.
+                lines, bodies or joints, what is not named keeps its value, and what is not free may change.
 
         Returns:
             The inputs to apply, with the equilibrium that they lead to. ``TRACKING``; ``AT_LIMIT`` where a limit holds the tip

@@ -227,9 +227,9 @@ def estimate(
     Args:
         robot: The assembly.
         inputs: What is known of the others, made by ``robot.inputs(...)``; none are all zero.
-        unknown: What is to be estimated: inputs by name, each with its ``Prior``; of a ``Network`` also by the names of rods,
-            bodies or joints, ``{"force": {"plate": Prior(0, sigma=1)}}``. ``rotation`` and ``translation`` of a network that says
-            which rods are ``driven`` are theirs, unless others are named.
+        unknown: What is to be estimated: inputs by name, each with its ``Prior``; also by the names of rods, lines,
+            bodies or joints where inputs are taken so, ``{"force": {"plate": Prior(0, sigma=1)}}``. ``rotation`` and
+            ``translation`` of a network that says which rods are ``driven`` are theirs, unless others are named.
         measured: ``Pose``, ``Curvature``, ``ForceTorque``, ``Tension``, or several, each with ``sigma``. What is NaN is gone
             without, and ``missing`` says so.
         solver: That finds the equilibrium at the priors' means, where it begins; its integrator and tolerance are used.

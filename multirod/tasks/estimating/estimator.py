@@ -41,7 +41,7 @@ class Estimator(Uncopied, Generic[Robot_co]):
         robot: The assembly.
         dt: Time between samples [s].
         unknown: What is to be estimated: inputs by name, each with its ``Walk``, of a ``Network`` also by the
-            names of rods, bodies or joints, as for ``estimate``.
+            names of rods, lines, bodies or joints, as for ``estimate``.
         sensors: What is measured at each sample: ``Pose``, ``Curvature``, ``ForceTorque``, ``Tension``, or several, each with
             ``sigma``; what was measured in them is not used.
         inputs: What is known of the others at the start; their batch axes are kept.

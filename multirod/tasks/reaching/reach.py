@@ -71,7 +71,7 @@ def reach(
         robot: The assembly.
         target: Where its end effector is to be: 3, 5 or 6 rows.
         inputs: Where the search begins, and all that is not free; those of ``guess`` by default.
-        free: Names of the inputs to be chosen, such as ``("rotation", "translation")``; of a ``Network`` also of what,
+        free: Names of the inputs to be chosen, such as ``("rotation", "translation")``; also of what,
             ``{"translation": ["leg 0", "leg 1"], "angle": None}``, where None is all. All of ``rotation`` and ``translation`` is
             what motors do: of a network that says which rods are ``driven``, such as a ``multibackbone``, theirs.
         limits: Kept at every step; what the robot cannot do is a limit without them.
