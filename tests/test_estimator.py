@@ -500,3 +500,66 @@ def test_what_moves_twice_as_fast_leaves_four_times_the_error():
         errors.append(np.sqrt(error @ np.linalg.solve(sample.covariance("tip_force"), error)))
     assert errors[0] == pytest.approx(0.114, abs=0.005)  # as docs/estimation.md says
     assert 3.5 < errors[0] / errors[1] < 4.5  # of second order, and what is left of higher ones
+
+
+def finger():
+    tendons = [
+        mr.Tendon(offset=(0.006 * np.cos(angle), 0.006 * np.sin(angle)), driven="displacement", axial_stiffness=5e3)
+        for angle in (0.0, 2.1, 4.2)
+    ]
+    return mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.02, torsional_stiffness=0.015, lines=tendons))
+
+
+def pulled_in_turn(k):
+    return 1.5e-3 * np.cos(2 * np.pi * k / 100 - np.array([0.0, 2.1, 4.2]))
+
+
+def test_samples_in_which_lines_turn_slack_or_taut_know_how_far_they_are_off_across_the_kink():
+    robot, walk, dt, sigma = finger(), 0.1, 0.01, (2e-4, 2e-3)
+    sensor = mr.Pose(position=(0, 0, 0), rotation=np.eye(3), sigma=sigma)
+    unknown = {"tip_force": mr.Walk(walk, start=mr.Prior(0, sigma=0.3))}
+    errors, turned = [], 0
+    for seed in (0, 1):
+        random = np.random.default_rng(seed)
+        force = 0.3 * random.normal(size=3) + np.cumsum(walk * np.sqrt(dt) * random.normal(size=(120, 3)), axis=0)
+        pulls = np.array([pulled_in_turn(k) for k in range(120)])
+        # each solved by itself, to what lengths and forces call for
+        truth = mr.solve(robot, robot.inputs(displacement=pulls, tip_force=force), solver=mr.Shooting(integrator=STEPS))
+        truth.raise_if_failed()
+        turned += np.diff(truth.tension > 0, axis=0).sum()
+        position = truth.tip_position + sigma[0] * random.normal(size=(120, 3))
+        rotation = turned_by(sigma[1] * random.normal(size=(120, 3))) @ truth.tip_rotation
+        meter = mr.Estimator(
+            robot, dt=dt, unknown=unknown, sensors=sensor, inputs=robot.inputs(displacement=pulls[0]), integrator=STEPS
+        )
+        for k in range(120):
+            sample = meter.step([(position[k], rotation[k])], displacement=pulls[k])
+            assert k == 0 or sample.status is mr.Status.TRACKING
+            error = sample.value("tip_force") - force[k]
+            errors.append(error @ np.linalg.solve(sample.covariance("tip_force"), error))
+    assert turned > 10
+    # of three dimensions, correlated over many samples; by columns of the wrong side 3.2 in the mean, and 143
+    assert 0.5 < np.mean(errors) / 3 < 2.2
+    assert max(errors) < 30
+
+
+def test_samples_of_a_batch_cross_kinks_as_they_do_alone():
+    robot, sensor = finger(), mr.Pose(position=(0, 0, 0), sigma=1e-4)
+    force = np.array([(0.1, 0.05, 0), (-0.1, 0.02, 0), (0, 0, 0)])
+    options = {"dt": 0.01, "unknown": {"tip_force": mr.Walk(0.3)}, "sensors": sensor, "integrator": STEPS}
+    start = robot.inputs(displacement=np.broadcast_to(pulled_in_turn(0), (3, 3)))
+    batch = mr.Estimator(robot, inputs=start, **options)
+    alone = [mr.Estimator(robot, inputs=robot.inputs(displacement=pulled_in_turn(0)), **options) for _ in force]
+    apart = 0
+    for k in range(0, 100, 4):
+        pull = np.broadcast_to(pulled_in_turn(k), (3, 3))
+        seen = mr.solve(robot, robot.inputs(displacement=pull, tip_force=force)).tip_position
+        sample = batch.step([seen], displacement=pull)
+        for i, one in enumerate(alone):
+            own = one.step([seen[i]], displacement=pull[i])
+            np.testing.assert_array_equal(sample.value("tip_force")[i], own.value("tip_force"))
+            np.testing.assert_array_equal(sample.covariance("tip_force")[i], own.covariance("tip_force"))
+            np.testing.assert_array_equal(sample.integrations[i], own.integrations)
+            np.testing.assert_array_equal(sample.solution.unknowns[i], own.solution.unknowns)
+        apart += k > 0 and len(set(sample.integrations)) > 1
+    assert apart > 3  # samples in which not all cross

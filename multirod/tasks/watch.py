@@ -234,7 +234,7 @@ class Watch:
         self._integrate(rows)
         spent = np.ones(len(rows), dtype=np.int32)
         left, off = self._correction(rows)
-        fastest, begun = self._shared["least"].values[rows, 1], self.gamma()
+        fastest, begun, pulled = self._shared["least"].values[rows, 1], self.gamma(), self._pulled(rows)
         stable = self._far(rows, begun[rows]) + FASTER * fastest * off < SURE  # (17b), at the command itself
         doubtful = np.flatnonzero(~stable)
         if len(doubtful):
@@ -244,6 +244,7 @@ class Watch:
             own = rows[there]
             stable[there] = self._far(own, gamma[own]) < SURE
             near = self._size(own, gamma[own] - begun[own]) < NEARBY
+            near |= (self._pulled(own) != pulled[there]).any(axis=1)  # ``Gamma`` jumps there
             asked = there[~stable[there] & near]
             if len(asked):
                 stable[asked] = ~self.unstable(rows[asked])
@@ -257,6 +258,7 @@ class Watch:
         each, shapes (k,)."""
         problem, off = self._problem, off.copy()
         settled, spent = off <= ROUNDED, np.zeros(len(rows), dtype=np.int32)
+        pulled, turns = self._pulled(rows), np.full(len(rows), len(problem.kinks))
         open_ = np.flatnonzero(~settled)
         while len(open_):
             own = rows[open_]
@@ -266,11 +268,18 @@ class Watch:
             self._integrate(own)
             spent[open_] += 1
             left[open_], now = self._correction(own)
-            nearer = (now <= SURELY * off[open_]) | (now <= ROUNDED)
+            there = self._pulled(own)
+            turned = (there != pulled[open_]).any(axis=1) & (turns[open_] > 0)  # a step says nothing of the next across a kink
+            pulled[open_], turns[open_] = there, turns[open_] - turned
+            nearer = (now <= SURELY * off[open_]) | (now <= ROUNDED) | turned
             settled[open_] = nearer & (now <= SETTLED)
             off[open_] = now
             open_ = open_[nearer & (now > SETTLED)]
         return settled, spent
+
+    def _pulled(self, rows: IntArray) -> NDArray[np.bool_]:
+        """Which lines with kinks some instances have taut, shape (k, line)."""
+        return np.asarray(self._problem.read("unknowns")[rows][:, self._problem.kinks] > 0)
 
     def _integrate(self, rows: IntArray) -> None:
         chosen = np.zeros(self._problem.instance_count, dtype=bool)

@@ -16,6 +16,7 @@ from multirod.status import Status, failures
 from multirod.tasks.condensed import condensed
 from multirod.tasks.condensed_kernels import Condensed
 from multirod.tasks.estimating.bounded import Bounds
+from multirod.tasks.estimating.crossing import Crossing
 from multirod.tasks.estimating.filter_kernels import Filter, make_filter
 from multirod.tasks.estimating.inference import Posterior, deviations, largest_square, roots
 from multirod.tasks.estimating.iteration import Known, Part
@@ -91,8 +92,8 @@ class FilterSolver(Solver):
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:
         return Shooting(integrator=self.integrator).solve(problem, guess)
 
-    def track(self, problem: BoundaryProblem, dt: float) -> "_FilterTrack":  # noqa: D102
-        return _FilterTrack(self, problem)
+    def track(self, problem: BoundaryProblem, dt: float) -> "FilterTrack":  # noqa: D102
+        return FilterTrack(self, problem)
 
 
 class _Markers:
@@ -134,7 +135,7 @@ class _Markers:
             shared.send()
 
 
-class _FilterTrack(Track):
+class FilterTrack(Track):
     """The filter on the buffers of one problem."""
 
     def __init__(self, known: FilterSolver, problem: BoundaryProblem) -> None:
@@ -171,7 +172,7 @@ class _FilterTrack(Track):
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
         self._state = state  # whose arrays the launch works in
         self._launch = record(make_filter, count, [state], problem.device)
-        self._placed = False
+        self._placed, self._kinked = False, len(problem.kinks) > 0
 
     def step(self) -> Outcome:
         """What has begun goes on; what has not, or was lost, is estimated by itself."""
@@ -193,15 +194,11 @@ class _FilterTrack(Track):
                 self._placed = True
             self._watch.catch_up()
             self.task.integrate()
-            self._tell()
-            for shared in self._sent:
-                shared.send()
             mean, covariance = known.mean.copy(), known.covariance.copy()
-            self._launch.launch()
-            for shared in self._fetched:
-                shared.fetch()
+            crossing = Crossing(self) if self._kinked else None
+            self.update()
+            spent = known.once if crossing is None else crossing.run(known.once)
             self._keep_within(mean)
-            spent = known.once
             if known.state["doubt"].values.any():
                 spent = spent.copy()
                 self._look(spent, mean, covariance)
@@ -212,6 +209,15 @@ class _FilterTrack(Track):
             return Outcome(known.status.copy(), known.once.copy(), spent.copy())
         known.sound = bool(known.begun.all())
         return Outcome(known.status.copy(), known.once, spent)
+
+    def update(self) -> None:
+        """The step that the measurements ask for, by the last integration."""
+        self._tell()
+        for shared in self._sent:
+            shared.send()
+        self._launch.launch()
+        for shared in self._fetched:
+            shared.fetch()
 
     def _keep_within(self, before: FloatArray) -> None:
         """(11) What an update leads beyond a limit, from ``before`` (b, k), ends at the most probable mean within the limits."""
