@@ -120,13 +120,23 @@ def unknown_names(owner: str, given: Iterable[str], allowed: Iterable[str]) -> N
 
 
 def names_checked(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function, which says of a name that it does not take which was probably meant."""
-    names = [name for name in signature(function).parameters if name != "self"]
+    """The same function, which says of a name that it does not take which was probably meant, and of more arguments without a
+    name than it takes which are named."""
+    taken = signature(function).parameters
+    any_name = any(own.kind is own.VAR_KEYWORD for own in taken.values())
+    names = [name for name in taken if name != "self"]
+    plain = [name for name, own in taken.items() if own.kind is own.POSITIONAL_OR_KEYWORD]
+    unnamed = [name for name in plain if name != "self"]
     called = function.__name__ if function.__name__ != "__init__" else function.__qualname__.split(".")[-2]
 
     @wraps(function)
     def checked(*args: P.args, **options: P.kwargs) -> R:
-        unknown_names(f"{called}()", options, names)
+        if not any_name:
+            unknown_names(f"{called}()", options, names)
+        if len(args) > len(plain):
+            first = f"without a name only {', '.join(unnamed)}" if unnamed else "nothing without a name"
+            others = ", ".join(f"{name}=" for name, own in taken.items() if own.kind is own.KEYWORD_ONLY)
+            raise TypeError(f"{called}() takes {first}, and got {len(args) - len(plain) + len(unnamed)} such; named are {others}")
         return function(*args, **options)
 
     return checked

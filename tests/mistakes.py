@@ -900,6 +900,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "are made one by SciPy's Rotation",
             "a matrix, body to world",
         ),
+        Mistake(
+            "a network without names",
+            "mr.Network({'a': rod}, [])",
+            TypeError,
+            "named are rods=, bodies=, joints=",
+            "Network(rods={'a': rod}, joints=[...])",
+        ),
         Mistake("a matrix for a pose", "mr.Pose(np.eye(4))", TypeError, "position=T[:3, 3]", "position=, rotation="),
         Mistake(
             "a pose for a position", "mr.Pose(position=np.eye(4))", ValueError, "must have shape (..., 3)", "position=, rotation="

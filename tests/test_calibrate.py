@@ -264,6 +264,10 @@ def test_one_factor_of_all_rods(pulls):
     assert "all rods: bending_stiffness and torsional_stiffness, over what they were" in repr(fit)
     apart = mr.calibrate(robot, inputs, parameters={"bending_stiffness": mr.Prior(sigma=0.5)}, measured=seen)
     assert fit.sigma(modulus)[0] < apart.sigma("bending_stiffness").min()
+    axes, part = apart.directions("bending_stiffness")
+    left = apart.covariance("bending_stiffness") @ np.linalg.solve(apart._found.prior, axes)
+    np.testing.assert_allclose(left, axes * part, atol=1e-9)  # (9): P P0^-1 d = kappa d
+    assert 1 >= part[0] > part[-1] > 0
 
 
 def test_columns_of_a_factor_are_differences(pulls):

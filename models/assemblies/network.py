@@ -46,6 +46,7 @@ from multirod.models.network.joining.checks import holes_by_rod, joint_called, j
 from multirod.models.network.joining.joints import Joint
 from multirod.models.network.places import FIXED, LOADED
 from multirod.models.network.problem import NetworkProblem
+from multirod.naming import names_checked
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import Rod
@@ -90,6 +91,7 @@ class Network(Assembly):
 
     length_columns: ClassVar[bool] = True
 
+    @names_checked
     def __init__(
         self,
         *,
@@ -101,8 +103,7 @@ class Network(Assembly):
         driven: Sequence[str] | None = None,
         segments: Mapping[str, int] | None = None,
     ) -> None:
-        kinds = (Rod, ConcentricTubes)
-        if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, kinds) for rod in rods.values()):
+        if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, (Rod, ConcentricTubes)) for rod in rods.values()):
             raise TypeError("Network.rods must be a mapping of names to Rod or ConcentricTubes, and hold one at least")
         for name in rods:
             name_of("Network.rods", name)

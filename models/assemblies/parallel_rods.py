@@ -36,7 +36,7 @@ from multirod.models.platform.derivatives.designs import PARAMETERS, parameter_s
 from multirod.models.platform.geometry import Geometry
 from multirod.models.platform.inputs import LEG_INPUTS, PLATFORM_INPUTS
 from multirod.models.platform.problem import ParallelProblem
-from multirod.naming import hinted, names_checked
+from multirod.naming import names_checked
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import DENSITY, Rod
@@ -82,7 +82,6 @@ class ParallelRods(Assembly):
     length_columns: ClassVar[bool] = True
 
     @names_checked
-    @hinted("all is named, ParallelRods(legs=[leg] * 6, base=poses, platform=poses)")
     def __init__(
         self,
         *,

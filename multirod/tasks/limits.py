@@ -17,7 +17,7 @@ from multirod.by_name import parts_of
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.network import Network
 from multirod.models.assemblies.parallel_rods import ParallelRods
-from multirod.naming import unknown_names
+from multirod.naming import names_checked, unknown_names
 from multirod.read_only import ReadOnly
 from multirod.results.remarks import Remarks
 from multirod.tasks.formulation import input_units, options
@@ -61,6 +61,7 @@ class Limits(ReadOnly):
 
     instead = "make others, Limits(...)"
 
+    @names_checked
     def __init__(
         self,
         *,
@@ -276,16 +277,13 @@ def limit_rows(robot: Assembly, limits: Limits | None, free: Sequence[str]) -> L
     names = [label for label, own in zip(labels, kept, strict=True) if own]
     if "translation" in starts:
         for row, least, most, name in _order(robot, given.gap, starts["translation"], labels):
-            chosen = row[own_columns] != 0
-            if not chosen.any():
+            chosen = np.count_nonzero(row[own_columns])
+            if chosen == 1:
+                kept_in = f"must be of all tubes in each other, whose bases keep their order ({name} >= {least:g} m)"
+                way = "to leave one where it is, give it no room in Limits(translation=...)"
+                refuse("free['translation']", getattr(free, "parts", {})["translation"], f"{kept_in}: {way}")
+            if not chosen:
                 continue
-            if chosen.sum() < np.count_nonzero(row):
-                refuse(
-                    "free['translation']",
-                    getattr(free, "parts", {})["translation"],
-                    f"must be of all tubes in each other, whose bases keep their order ({name} >= {least:g} m): to leave one "
-                    "where it is, give it no room in Limits(translation=...)",
-                )
             rows.append(row[None])
             lows.append(np.array([least]))
             highs.append(np.array([most]))

@@ -19,7 +19,7 @@ from multirod.solver import Solver
 from multirod.status import Status
 from multirod.tasks.estimating.estimate import SEEN, estimate, inconsistent
 from multirod.tasks.estimating.fit import Fit, Odd
-from multirod.tasks.estimating.inference import consistent, kept
+from multirod.tasks.estimating.inference import consistent, kept, principal
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
 from multirod.tasks.estimating.priors import Prior
@@ -143,6 +143,16 @@ class Calibration(Undecided, Generic[Robot_co]):
     def sigma(self, name: Key) -> FloatArray:
         """Standard deviations, shape (k,) or (..., k)."""
         return np.asarray(frozen(np.sqrt(np.diagonal(self.covariance(name), axis1=-2, axis2=-1))))
+
+    def directions(self, name: Key) -> tuple[FloatArray, FloatArray]:
+        """(9) Directions of a parameter's numbers, and what part of the prior's variance is kept along each, the least seen first.
+
+        Returns:
+            Unit columns, shape (k, k), and parts, shape (k,). NaN without a prior.
+        """
+        place = self._place(name)
+        axes, part = principal(self._found.covariance[place, place], self._found.prior[place, place])
+        return np.asarray(frozen(axes)), np.asarray(frozen(part))
 
     @property
     def observable(self) -> dict[Key, NDArray[np.bool_]]:
