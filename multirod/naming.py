@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from functools import wraps
-from inspect import signature
+from inspect import Parameter, signature
 from typing import TYPE_CHECKING, ClassVar, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -123,7 +123,8 @@ def names_checked(function: Callable[P, R]) -> Callable[P, R]:
     """The same function, which says of a name that it does not take which was probably meant, and of more arguments without a
     name than it takes which are named."""
     taken = signature(function).parameters
-    any_name = any(own.kind is own.VAR_KEYWORD for own in taken.values())
+    kinds = {own.kind for own in taken.values()}
+    any_name, any_count = Parameter.VAR_KEYWORD in kinds, Parameter.VAR_POSITIONAL in kinds
     names = [name for name in taken if name != "self"]
     plain = [name for name, own in taken.items() if own.kind is own.POSITIONAL_OR_KEYWORD]
     unnamed = [name for name in plain if name != "self"]
@@ -133,7 +134,7 @@ def names_checked(function: Callable[P, R]) -> Callable[P, R]:
     def checked(*args: P.args, **options: P.kwargs) -> R:
         if not any_name:
             unknown_names(f"{called}()", options, names)
-        if len(args) > len(plain):
+        if not any_count and len(args) > len(plain):
             first = f"without a name only {', '.join(unnamed)}" if unnamed else "nothing without a name"
             others = ", ".join(f"{name}=" for name, own in taken.items() if own.kind is own.KEYWORD_ONLY)
             raise TypeError(f"{called}() takes {first}, and got {len(args) - len(plain) + len(unnamed)} such; named are {others}")

@@ -49,6 +49,18 @@ def test_euler_column_loses_one_mode_after_another():
     assert "bifurcation" in repr(found[0])
 
 
+def test_a_branch_that_ends_after_some_gives_these():
+    robot = column(bending_stiffness=(1.0, 1.3))
+    with pytest.warns(
+        mr.IncompleteWarning, match="10 steps led to .*; before that, 2 of the 4 critical loads asked for were found"
+    ):
+        found = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), count=4, max_steps=10)
+    np.testing.assert_allclose(factors(found), np.pi**2 / 4 * np.array([1, 1.3]), rtol=TIGHT)
+    assert factors(found)[-1] < found.reached < np.pi**2 / 4 * 9
+    with pytest.raises(mr.SolveError, match="2 steps led to"):
+        mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -1)), count=4, max_steps=2)
+
+
 def test_modes_that_cross_together_are_one_critical_load():
     robot = column()
     found = mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, -2)), count=2)

@@ -148,10 +148,10 @@ def critical_loads(
 
     Warns:
         IncompleteWarning: If two changes of stability in a row, which cancel, may be missing, or all integrations allowed
-            were used up; the message says where.
+            were used up, or the branch cannot be followed to as many as ``count``; the message says where.
 
     Raises:
-        SolveError: If there is no stable equilibrium at ``start``, or the branch cannot be followed so far.
+        SolveError: If there is no stable equilibrium at ``start``, or the branch cannot be followed to the first of them.
         TypeError, ValueError: If an argument is not what it must be, or the robot or its inputs have leading axes.
     """
     if not isinstance(robot, Assembly):
@@ -204,8 +204,11 @@ def _changes(
 ) -> tuple[list[Change], tuple[tuple[float, float], ...], float]:
     """Changes along the branch, where some may be missing, and the largest load factor up to which that is all.
 
+    Warns:
+        IncompleteWarning: If the branch ends before all that were asked for.
+
     Raises:
-        SolveError: If the branch cannot be followed so far.
+        SolveError: If it ends before the first.
     """
     found: list[Change] = []
     undecided: list[tuple[float, float]] = []
@@ -232,9 +235,11 @@ def _changes(
     except Spent:
         return found, _joined(undecided), min(reached, up_to)
     except BranchLost as lost:
-        seen = f"{len(found)} changes of stability" if found else "no change of stability"
-        hint = f"; {seen} before that: give up_to={0.99 * reached:.3g} for a result" if reached else ""
-        if not found and _stiffens(branch, passed):
+        if found:
+            warn(f"{lost}; before that, {len(found)} of the {count} critical loads asked for were found", IncompleteWarning)
+            return found, _joined(undecided), min(reached, up_to)
+        hint = f"; no change of stability before that: give up_to={0.99 * reached:.3g} for a result" if reached else ""
+        if _stiffens(branch, passed):
             hint += "; the loads only stiffen the robot there, as a pull does, so there may be no critical load at all"
         raise SolveError(f"{lost}{hint}") from None
     raise AssertionError("steps() ends by an error")

@@ -145,7 +145,7 @@ class Calibration(Undecided, Generic[Robot_co]):
         return np.asarray(frozen(np.sqrt(np.diagonal(self.covariance(name), axis1=-2, axis2=-1))))
 
     def directions(self, name: Key) -> tuple[FloatArray, FloatArray]:
-        """(9) Directions of a parameter's numbers, and what part of the prior's variance is kept along each, the least seen first.
+        """(9) Directions of a parameter's numbers, what part of the prior's variance is kept along each, the least seen first.
 
         Returns:
             Unit columns, shape (k, k), and parts, shape (k,). NaN without a prior.
