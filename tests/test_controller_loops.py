@@ -306,6 +306,38 @@ def test_what_to_apply_where_a_sample_failed_is_the_last_good_command():
         np.testing.assert_array_equal(failed.last_good.tip_force, (0, 0, -20.0))
 
 
+def test_a_load_that_jumps_fails_one_sample_and_the_next_goes_on_from_where_it_moved_the_robot(start):
+    """Every sample that followed was ``UNSTABLE``: the last good place is none under the new load."""
+    free, random = ("rotation", "translation"), np.random.default_rng(3)
+    fixed = TUBES.inputs(rotation=start.inputs.rotation, translation=start.inputs.translation)
+    for size in (1.0, 3.0):
+        force = random.normal(size=3)
+        force *= size / np.linalg.norm(force)
+        loop = mr.Controller(TUBES, dt=0.005, free=free, guess=start, integrator=STEPS)
+        loop.step(position=start.tip_position)
+        loaded = with_values(TUBES.inputs(tip_force=force), free, np.concatenate([fixed.rotation, fixed.translation]))
+        target = mr.solve(TUBES, loaded, solver=mr.Shooting(integrator=STEPS)).raise_if_failed().tip_position
+        assert loop.step(position=target, tip_force=force).status is mr.Status.UNSTABLE
+        command = loop.step(position=target)
+        assert command.status is mr.Status.TRACKING
+        assert command.integrations > 5  # those of the way to the new load too
+        for _ in range(3):
+            command = loop.step(position=target)
+        assert command.integrations == 1
+        again = mr.solve(TUBES, command.inputs, guess=command, solver=mr.Shooting(integrator=STEPS))
+        # it holds there: what is pulled beside the target is of second order
+        np.testing.assert_allclose(again.tip_position, target, atol=1e-5)
+
+
+def test_a_load_under_which_nothing_is_stable_is_looked_for_once():
+    loop, _ = column()
+    loop.step(position=(0, 0, 0.401))
+    commands = [loop.step(position=(0, 0, 0.401), tip_force=(0, 0, -1e6)) for _ in range(4)]
+    assert all(command.status.failed for command in commands)
+    assert [bool(command.integrations > 1) for command in commands] == [False, True, False, False]
+    assert loop.step(position=(0, 0, 0.401), tip_force=(0, 0, 0)).status is mr.Status.TRACKING
+
+
 def test_how_gamma_varies_is_learned_along_the_way():
     """(17d): a column of 0.1 m hardly knows of buckling, where it began; along it ``Gamma`` of both modes goes as a cosine."""
     force, unit = 2.204, 0.06  # N, (9) in m

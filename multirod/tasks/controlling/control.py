@@ -72,6 +72,7 @@ class ControlStep:
     Attributes:
         given: By name what to write before ``launch``: ``position``, ``rotation``, ``axis``, ``across``,
             ``seen_position``, ``seen_rotation``, and ``seen``, of both 0, 1 for measured, -1 for missing.
+        under: What is not free, as ``others_changed`` found it last.
     """
 
     def __init__(
@@ -131,7 +132,7 @@ class ControlStep:
         self._trust = LONGEST  # (16b), for the present target
         self._offset: FloatArray = self._kept["offset"].numpy()
         self._others = np.delete(np.arange(problem.read("inputs").shape[1]), task.places)  # what is not free
-        self._under = self._of_others()
+        self.under = self._of_others()
         self._off: dict[Kind, FloatArray] = {}  # rows of each launch, where arrays are shared
         self._put_limits(slice(c), rows.matrix, *rows.inset(self._unit))
         self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
@@ -139,10 +140,21 @@ class ControlStep:
         self._kind: Kind = (0, 0, 0)  # of the last launch
         self._states: list[Any] = []  # whose arrays the launches work in
 
-    def start(self, unknowns: FloatArray, values: FloatArray) -> None:
-        """Begin at ``x`` (1, n) and ``p`` (1, k)."""
+    def start(self, unknowns: FloatArray, values: FloatArray, *, afresh: bool = False) -> None:
+        """Begin at ``x`` (1, n) and ``p`` (1, k); ``afresh`` after others, the problem being integrated there."""
         self._kept["good_unknowns"].assign(unknowns)
         self._kept["good_values"].assign(values)
+        if not afresh:
+            return
+        for name in ("begun", "last_kind", "motion", "foresaw"):
+            self._kept[name].zero_()
+        self._careful, self._foreseen = LONGEST, None
+        self._longest.write(min(LONGEST, self._by_shape))
+
+    @property
+    def good_values(self) -> FloatArray:
+        """What is free in the last sample that did not fail, shape (1, k)."""
+        return np.array(self._kept["good_values"].numpy())
 
     def prepare(self, *kinds: Kind) -> None:
         """Make the launches for targets of these kinds: one that is not made takes a sample as long as forty do."""
@@ -192,8 +204,8 @@ class ControlStep:
 
     def others_changed(self) -> bool:
         """Whether what is not free has changed since this was asked last."""
-        before, self._under = self._under, self._of_others()
-        return before != self._under
+        before, self.under = self.under, self._of_others()
+        return before != self.under
 
     def _of_others(self) -> bytes:
         return bytes(self._problem.read("inputs")[0, self._others].tobytes())
@@ -214,12 +226,12 @@ class ControlStep:
         left, near = self._left(told), ON_TARGET * self._weight[1]
         gain, before, last, under = self._asked
         if left <= near and before <= near and self._narrowed == LONGEST:
-            self._asked = 0.0, left, told, self._under
+            self._asked = 0.0, left, told, self.under
             return
         rows = self._off[self._kind]
-        self._asked = sqrt(float(rows @ rows)) - left, left, told, self._under
+        self._asked = sqrt(float(rows @ rows)) - left, left, told, self.under
         surprise, most, longest = float(told[SURPRISE]), max(ASTRAY * gain, NOTED * before), self._narrowed
-        if surprise > most and before > near and under == self._under:  # else a load may have moved the tip
+        if surprise > most and before > near and under == self.under:  # else a load may have moved the tip
             longest = max(0.5 * min(longest, self._moved(last, told)), NEAREST)
         elif surprise <= ASTRAY * most:
             longest = min(1.5 * longest, LONGEST)
@@ -245,7 +257,7 @@ class ControlStep:
         if not self._shared:
             return LONGEST
         before, rows = self._foreseen, self._off[self._kind]
-        target = (*(own.tobytes() for own in self.given.values()), self._offset.tobytes(), self._under)
+        target = (*(own.tobytes() for own in self.given.values()), self._offset.tobytes(), self.under)
         if before is None or before.target != target:
             self._foreseen, self._trust = Foreseen(target, float(rows @ rows), told, told, 0), LONGEST
             return LONGEST

@@ -28,6 +28,7 @@ from multirod.status import Status
 from multirod.tasks.controlling.command import Command
 from multirod.tasks.controlling.control import ControlStep
 from multirod.tasks.controlling.control_kernels import SINGULAR, make_control
+from multirod.tasks.controlling.recovery import Recovery
 from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
 from multirod.tasks.formulation import Task, input_units
 from multirod.tasks.freed import chosen, refuse_freed, values_of, with_values
@@ -160,6 +161,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         self._step.prepare((1, 0, 0), (1, 1, 0))  # what most loops ask for: a position, a pose
         self._begin(x, p, "Controller.inputs" if guess is None else "Controller.guess")
         self._looked = False
+        self._recovery = Recovery(start, method, self._step)
         self._lock = Lock()
 
     def _begin(self, x: FloatArray, p: FloatArray, field: str) -> None:
@@ -228,8 +230,8 @@ class Controller(Uncopied, Generic[Robot_co]):
         Returns:
             The inputs to apply, with the equilibrium that they lead to. ``TRACKING``; ``AT_LIMIT`` where a limit holds the tip
             back, ``OFF_TARGET`` where none does and it is off all the same. A failure is ``UNSTABLE`` where the command is known
-            not to be stable, or that of the integration; the next sample then starts from the last good one. ``integrations`` is
-            2 and more where the command itself was looked at.
+            not to be stable, or that of the integration; the next sample then starts from the last good one, or where loads moved
+            the robot from there. ``integrations`` is 2 and more where that was so, or the command itself was looked at.
 
         Raises:
             TypeError: If a name is not an input of the robot, or is free.
@@ -323,16 +325,19 @@ class Controller(Uncopied, Generic[Robot_co]):
 
     def _sample(self, kind: Kind, seen: tuple[int, int]) -> Command[Robot_co]:
         self._step.given["seen"][:] = seen
-        problem = self._task.problem
+        problem, spent = self._task.problem, ONCE
+        if self._recovery.wanted:
+            given = self._unpack(problem.read("inputs"))
+            spent = frozen(spent + np.int32(self._recovery.run(self._task, self._watch, given, self.free)))
         self._watch.go_on()
         with problem.alone:
             problem.integrate()
             record, told, status, doubt = self._step.launch(kind)
-            spent = ONCE
             if doubt == NEXT:
                 self._watch.renew()
             elif doubt == LOOK:
-                unstable, spent = self._unstable(record)
+                unstable, looked = self._unstable(record)
+                spent = frozen(spent + looked)
                 if unstable:
                     status = int(Status.UNSTABLE)
                     self._step.refuse(told)
@@ -349,6 +354,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             _limits=self._limit_names,
             _aims=kind[0] == 1,
         )
+        self._recovery.mind(result)
         return result
 
     def _in_shape(self, shape: ShapeLimits, record: FloatArray, told: FloatArray, status: int) -> int:
@@ -379,7 +385,7 @@ class Controller(Uncopied, Generic[Robot_co]):
 
     def _unstable(self, record: FloatArray) -> tuple[bool, NDArray[np.int32]]:
         """Whether a command is unstable: by an integration at it, and where ``Gamma`` there does not say so, by its modes; and
-        the integrations of its sample."""
+        how many that took."""
         problem, fields = self._task.problem, self._task.problem.record_fields
         names = "unknowns", "inputs"
         ahead = [problem.read(name) for name in names]
@@ -391,4 +397,4 @@ class Controller(Uncopied, Generic[Robot_co]):
             self._step.settled(record)
         for name, values in zip(names, ahead, strict=True):
             problem.write(name, values)
-        return not stable[0], frozen(ONCE + spent)
+        return not stable[0], spent
