@@ -103,6 +103,10 @@ class BackboneStability(StabilityAnalysis):
         return np.where(self.has_potential, stored - work, np.nan)
 
     def expect(self) -> None:  # noqa: D102
+        # once: what kernels these are is told in a tenth of a cold solve's time
+        self.problem.tool(("expected", self.problem.judged_often), self._expect)
+
+    def _expect(self) -> None:
         terms = self.problem.features
         by_nodes = not (terms.world_force_is_state or self.place_unknown or (terms.turning_count and not terms.torque_count))
         if by_nodes:
