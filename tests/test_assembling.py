@@ -66,6 +66,19 @@ def test_damped_dynamics_do_not_end_where_loads_drive_a_mode_away():
     assert np.isnan(solution.tip_position).all()
 
 
+def test_a_moment_does_not_hide_what_happens_while_joints_close_without_it():
+    """It was ``INTEGRATION_LIMIT``: damped dynamics, which loads without a potential ask for, came to no rest beyond the fold."""
+    drawn = draw(70, 77, 12, 5.0)
+    problem = drawn.robot.problem(drawn.inputs, integrator=mr.RK45())
+    assert not problem.stability.has_potential[0]
+    problem.joints.close(Loading.NONE)
+    assert problem.stability.has_potential[0]
+    solution = mr.solve(drawn.robot, drawn.inputs)
+    assert solution.status is mr.Status.SNAPPED
+    assert violation(drawn, solution) <= 1e-6  # as above
+    assert [event.load_factor for event in solution.events] == [0.0]
+
+
 def test_what_the_first_search_solves_pays_nothing(monkeypatch):
     drawn = draw(AT_ONCE)
     assert not lost_at_first(drawn)

@@ -340,10 +340,8 @@ class Walk:
 
     def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """The same by the turns of clamps; of legs that come nowhere so, on the floor of their valley."""
-        taken = self.integrations
         landed = yield from self._descend_in_steps(point, slope, first)
-        short = self.integrations - taken < PIECES * CLAMPED_STEPS
-        if landed is None and self.thorough and short and point.among.arrow is not None and slope.unsettled <= BESIDE:
+        if landed is None and self.thorough and point.among.arrow is not None and slope.unsettled <= BESIDE:
             landed = yield from along_floor(self._at, point, slope, first, self.within)
         return landed
 

@@ -1,7 +1,6 @@
 """A solve without a guess: along the natural branch, and from where that ends early by the other ways, one after the other."""
 
 from contextlib import AbstractContextManager, nullcontext
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -234,8 +233,7 @@ class ColdStart:
         def by_closing() -> None:
             open_ = np.zeros_like(ended)
             open_[[place for place, (status, *_) in closed.items() if status.failed]] = True
-            thorough = partial(self._follow_part, thorough=True)
-            assemble(problem, newton, outcome, some & self.lost & open_, steps, thorough, closed=closed, closing=True)
+            assemble(problem, newton, outcome, some & self.lost & open_, steps, further, closed=closed, closing=True)
 
         def from_several_places() -> None:
             lowest_stable(problem, newton, outcome, some & self.lost, steps, further, self.options.sign)
@@ -246,12 +244,12 @@ class ColdStart:
             newton.allow(self._allowed)
             way()
 
-    def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome, *, thorough: bool = False) -> None:
+    def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
         """From where a branch ended in a part of all that one solve does, or from an unstable state that it led to."""
         lost, reached = np.isin(outcome.status, (*ENDED, Status.STALLED, Status.UNSTABLE)), outcome.reached
         if lost.any() and reached is not None:
             left = np.maximum(newton.allowed() - outcome.integrations, 0)
-            go_on(self.options, problem, newton, outcome, lost, reached, problem.read("unknowns"), left=left, thorough=thorough)
+            go_on(self.options, problem, newton, outcome, lost, reached, problem.read("unknowns"), left=left, thorough=True)
 
     def _go_on(self, lost: BoolArray) -> None:
         assert self.outcome.reached is not None  # or no branch ended

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.capabilities import Loading
 from multirod.models.backbone.stability.condensing.inverses import row_condition
 from multirod.models.backbone.stability.condensing.second_variation import (
     STIFF,
@@ -320,12 +321,13 @@ class NetworkStability(StabilityAnalysis):
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:
-        """Whether the loads derive from one, shape (instance_count,)."""
+        """Whether the loads that act derive from one, shape (instance_count,)."""
         inputs, count = self.problem.read("inputs"), self.problem.instance_count
         specs = self.problem.inputs_given.specs.values()
         names = [spec.name for spec in specs if spec.acts == "tip" and spec.load is not None and not spec.potential]
         places = [self.problem.input_slice(name) for name in names]
         result = ~np.any([inputs[:, place].any(axis=1) for place in places], axis=0)
+        result |= self.problem.closing.loading == int(Loading.NONE)
         self.problem.hand_over()
         for group in self.problem.groups:
             result &= group.backbones.stability.has_potential.reshape(count, -1).all(axis=1)

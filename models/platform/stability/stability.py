@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.capabilities import ResultTest
+from multirod.capabilities import Loading, ResultTest
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.stability.condensing.second_variation import certain_determinant, symmetric_eigenvalues
 from multirod.models.joint_kernels import REVOLUTE, SPHERICAL
@@ -193,10 +193,11 @@ class PlatformStability(StabilityAnalysis):
 
     @property
     def has_potential(self) -> NDArray[np.bool_]:
-        """Whether the loads derive from one, shape (instance_count,)."""
+        """Whether the loads that act derive from one, shape (instance_count,)."""
         inputs = self.problem.read("inputs")
         without = [spec.name for spec in LOADS if spec.acts == "tip" and not spec.potential]
         result = ~np.column_stack([inputs[:, self.problem.input_slice(name)] for name in without]).any(axis=1)
+        result |= self.problem.closing.aside["loading"].fetched() == Loading.NONE
         for group in self.problem.groups:
             result &= group.backbones.stability.has_potential.reshape(self.problem.instance_count, -1).all(axis=1)
         return np.asarray(result)
