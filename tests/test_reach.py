@@ -826,3 +826,25 @@ def test_what_no_wider_limits_bring_nearer_is_out_of_reach_and_at_no_limit():
     held = mr.reach(robot, target, start, limits=mr.Limits(tension=(0, 8)), **options)
     assert held.status == mr.Status.AT_LIMIT  # wider ones do bring it nearer
     assert held.target_error > 5e-3
+
+
+@pytest.mark.parametrize("pushed", [0.02, 0.1])
+def test_a_straight_strip_that_is_held_is_bent_to_where_its_end_is_to_be(pushed):
+    """Straight it is where the search meets that, and stands nowhere."""
+    strip = mr.HeldRod(mr.Rod(length=0.4, bending_stiffness=(10, 0.2233), torsional_stiffness=0.0638))
+    targets = mr.Pose(position=[(0, 0, 0.4 - pushed), (0.01, 0, 0.4 - pushed)])
+    found = mr.reach(strip, targets, strip.inputs(), free="end_position")
+    np.testing.assert_array_equal(found.status, mr.Status.REACHED)
+    np.testing.assert_array_equal(found.stability, mr.Stability.STABLE)
+    solved = mr.solve(strip, strip.inputs(end_position=found.inputs.end_position)).raise_if_failed()
+    np.testing.assert_allclose(solved.tip_position, targets.position, atol=1e-9)
+    np.testing.assert_allclose(found.energy, solved.energy, rtol=1e-9)
+    first = mr.reach(strip, mr.Pose(position=targets.position[0]), strip.inputs(), free="end_position")
+    np.testing.assert_array_equal(first.unknowns, found.unknowns[0])
+
+
+def test_a_straight_strip_is_bent_a_little_from_other_starts():
+    """Where straight it is next to what is asked for, one step says nothing of the thrust that it bears."""
+    strip = mr.HeldRod(mr.Rod(length=0.4, bending_stiffness=(10, 0.2233), torsional_stiffness=0.0638))
+    target = mr.Pose(position=(0, 0, 0.398))
+    assert mr.reach(strip, target, strip.inputs(), free="end_position", starts=8).status is mr.Status.REACHED

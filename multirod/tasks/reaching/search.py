@@ -53,6 +53,8 @@ class Search:
         integrations: Of each instance, shape (b,).
         iterations: Steps that were kept, shape (b,).
         errors: Of the target's rows at ``last`` [1/m], shape (b, m).
+        past: What is free where the target was met at an equilibrium that is not stable, past a fold, NaN where it was not, shape
+            (b, k).
     """
 
     def __init__(self, task: Task, goals: Goals, x: FloatArray, p: FloatArray) -> None:
@@ -66,6 +68,7 @@ class Search:
         problem.expect_judging()
         self._values = values = self._arrays.values
         self.origin, self.origin_unknowns = p, x
+        self.past = np.full(p.shape, np.nan)
         self.origin_errors = np.full((len(x), rows.count), np.nan)  # NaN where the start is not known
         if arrays.limits is not limits:
             arrays.limit(limits, _limiting(limits, goals.unit))
@@ -258,7 +261,8 @@ class Search:
         if reached and self._surely_stable():
             self.origin_errors[:] = self._first_errors
             return
-        unstable = self._not_stable(chosen, asked=reached)
+        unstable, folded = self._not_stable(chosen, asked=reached), chosen & (self._values["folded"] != 0)
+        self.past[folded], self.past[unstable] = self._fold.p[folded], self.last.p[unstable]
         if unstable.any():
             self.drive(unstable, CAREFUL)
             self.status[self._not_stable(unstable)] = Status.UNSTABLE

@@ -18,6 +18,7 @@ from multirod.tasks.controlling.shape_limits import INSET
 from multirod.tasks.formulation import Task
 from multirod.tasks.freed import whole, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
+from multirod.tasks.reaching.anew import anew, met_past_folds
 from multirod.tasks.reaching.easing import eased
 from multirod.tasks.reaching.goals import Goals, Place, Prefer
 from multirod.tasks.reaching.nearing import neared
@@ -99,6 +100,11 @@ def search_part(
     if not search.all_reached:
         search.status[~sound], search.status[sound & ~within] = status[~sound], Status.OUT_OF_LIMITS
         tightened(search, within)
+        rows = met_past_folds(search, within)
+        if len(rows) and not work.robot.batch_shape:
+            own = piece.start + rows
+            inputs = work.inputs.take(work.batch_shape, own) if work.batch_shape else work.inputs.broadcast_to((1,))
+            anew(search, rows, work.robot, inputs, work.method)
         if work.of_shape is not None and not work.robot.batch_shape:
             _along_limits(work, search, piece, np.flatnonzero(within & (search.status != REACHED)))
         if work.starts:
