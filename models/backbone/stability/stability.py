@@ -39,6 +39,7 @@ T = TypeVar("T")
 FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
 MOST_NODES_IN_A_LAUNCH = 129  # of few rods: asking step by step takes as long as these
+APART = 4  # segments, by which numbers of few nodes differ: what poses close by call for is mostly the same then
 OFTEN = 8  # solves of one problem, from which a kernel pays that tells only what is surely stable
 
 
@@ -114,14 +115,15 @@ class BackboneStability(StabilityAnalysis):
             self.problem.nodes.expect_columns()
 
     def surely_stable(self) -> bool:  # noqa: D102
-        return bool(self._by_one_launch(lambda own, nodes: own.holds(nodes)))
+        # nothing is told of these nodes, so that they may be other than those of modes
+        return bool(self._by_one_launch(lambda own, nodes: own.holds(nodes), few=len(self.problem.rods) > 1))
 
     def lowest(self) -> FloatArray | None:  # noqa: D102
         return self._by_one_launch(lambda own, nodes: own.lowest(nodes))
 
-    def _by_one_launch(self, ask: Callable[[SureStability, int], T]) -> T | None:
-        """What ``ask`` says of the launch that looks at few rods by so many nodes, of as many as it calls for; None where there
-        is no such launch, or none of as many."""
+    def _by_one_launch(self, ask: Callable[[SureStability, int], T], *, few: bool = False) -> T | None:
+        """What ``ask`` says of the launch that looks at few rods by so many nodes, of as many as it calls for, or hardly more
+        where these are to be ``few``; None where there is no such launch, or none of as many."""
         problem = self.problem
         if not problem.judged_often or problem.breakpoints:
             return None
@@ -134,7 +136,8 @@ class BackboneStability(StabilityAnalysis):
         tried, needed, found = 0, min(own.usual, MOST_NODES_IN_A_LAUNCH - 2.0), None
         while tried <= needed < MOST_NODES_IN_A_LAUNCH - 1:
             segments = ceil(needed + 1e-6)  # as whole numbers decide
-            tried = own.nodes.get(segments, 0) or own.nodes.setdefault(segments, self._nodes_for(needed))
+            key = segments, few
+            tried = own.nodes.get(key, 0) or own.nodes.setdefault(key, self._nodes_for(needed, few=few))
             found = ask(own, tried)
             if found is not None and found is not False:
                 break
@@ -262,9 +265,10 @@ class BackboneStability(StabilityAnalysis):
             result = equal if len(self.problem.rods) == 1 else np.minimum(equal, result)
         return np.asarray(1 + result)
 
-    def _nodes_for(self, segments: float) -> int:
-        """The same of one number of segments."""
-        return int(self._nodes(np.array(segments)))
+    def _nodes_for(self, segments: float, *, few: bool) -> int:
+        """The same of one number of segments; or ``few``, where it does not matter how they are spaced."""
+        result = int(self._nodes(np.array(segments)))
+        return min(result, 1 + APART * ceil((segments + 1e-6) / APART)) if few else result
 
     def _free(self) -> int:
         """Angles of a free tip: three of what ends there, and how each rod turns against it."""

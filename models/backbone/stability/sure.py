@@ -56,7 +56,7 @@ class SureStability:
     def __init__(self, problem: "BackboneProblem") -> None:
         self._problem = problem
         self.needed = 0.0
-        self.nodes: dict[int, int] = {}
+        self.nodes: dict[tuple[int, bool], int] = {}
         self._late: deque[float] = deque([0.0], maxlen=LATE)
         self._looks: dict[int, _Look | None] = {}  # by nodes; None where a kernel cannot launch others
 
