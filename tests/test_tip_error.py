@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
+from multirod.studies.scenes import six_legs
 
 LENGTH, EI = 0.4, 0.02
 MOMENT = 0.3
@@ -51,3 +52,17 @@ def test_of_a_batch_each_its_own_and_none_of_what_failed():
     # Euler's load, where the branch ends
     euler = np.pi**2 / 4 * 2 * EI / LENGTH**2
     np.testing.assert_allclose(solution.load_factor, (1.0, euler / 10, 1.0), rtol=1e-3)
+
+
+def test_a_platform_whose_pose_is_an_unknown_is_off_by_what_its_residual_leaves():
+    """Within the usual tolerance nothing was to be solved again, and it was said to be exact."""
+    motion = six_legs().first(3)
+    solution = mr.solve(motion.robot, motion.inputs, solver=mr.Shooting(integrator=mr.RK4(120)))
+    exact = mr.Shooting(tolerance=1e-12, integrator=mr.RK45(1e-12, 1e-14))
+    off = np.linalg.norm(
+        mr.solve(motion.robot, motion.inputs, solver=exact, guess=solution).tip_position - solution.tip_position, axis=1
+    )
+    assert off.min() > 1e-12
+    np.testing.assert_allclose(solution.tip_error, off, rtol=0.05)
+    solution = mr.solve(motion.robot, motion.inputs, solver=mr.Shooting(integrator=mr.RK4(200)))
+    assert (solution.tip_error > 0).all()
