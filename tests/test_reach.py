@@ -291,6 +291,24 @@ def test_within_tight_limits_it_ends_no_farther_off_than_a_controller(start, pus
     assert float(found.residual) <= 1e-9
 
 
+def test_a_straight_way_that_leaves_what_can_be_reached_is_not_the_only_one():
+    """A force moves the tip of a straight rod that does not stretch on a sheet that is hardly thick."""
+    straight = mr.SingleRod(mr.Rod(length=0.4, bending_stiffness=0.223349, torsional_stiffness=0.063814))
+    solver = mr.Shooting(integrator=mr.RK4(60))
+    forces = np.array([(1, 0, 0), (3, 0, 0), (5, 2, 1), (10, 0, 3), (-4, 6, -3)], dtype=float)
+    there = mr.solve(straight, straight.inputs(tip_force=forces), solver=solver)
+    begin = straight.inputs(tip_force=(0.1, 0.1, 0))
+    found = mr.reach(straight, mr.Pose(position=there.tip_position), begin, free="tip_force", solver=solver)
+    assert (found.status == mr.Status.REACHED).all()
+    assert (found.target_error <= 4e-7 * straight.longest).all()
+    assert (found.stability == mr.Stability.STABLE).all()
+    again = mr.solve(straight, straight.inputs(tip_force=found.inputs.tip_force), solver=solver)
+    np.testing.assert_allclose(again.tip_position, there.tip_position, atol=1e-8)
+    beyond = mr.reach(straight, mr.Pose(position=(0.3, 0.1, 0.4)), begin, free="tip_force", solver=solver)
+    assert beyond.status is mr.Status.UNREACHABLE
+    assert float(beyond.target_error) < 1.01 * (np.linalg.norm((0.3, 0.1, 0.4)) - 0.4) + 0.01
+
+
 def test_a_target_out_of_reach_and_a_singular_one_say_so(start, wire):
     far = mr.reach(TUBES, mr.Pose(position=(0, 0, 2.0)), free=("rotation",), guess=start, solver=SOLVER)
     assert far.status is mr.Status.UNREACHABLE
@@ -335,7 +353,7 @@ def test_no_search_ends_farther_off_than_it_began(start):
     # the search's kernel rounds its steps otherwise than that of the start
     assert (off(found.target_error, found.target_angle) <= off(away, turned) * (1 + 1e-5)).all()
     back = np.all([(getattr(found.ended_at, name) == getattr(start.inputs, name)).all(axis=1) for name in FREE], axis=0)
-    assert (back & (found.status == mr.Status.UNREACHABLE)).any()
+    assert not (back & (found.status == mr.Status.UNREACHABLE)).any()  # damped steps come nearer than full ones did
     limited = found.status == mr.Status.AT_LIMIT
     assert limited.any()
     assert not (back & ~found.failed).any()  # limits hold nothing back where it began

@@ -327,7 +327,7 @@ class Search:
             self.here.x[rows] += found.eliminated[0][~there]
         return np.flatnonzero(settled)
 
-    def _tell_errors(self, rows: IntArray) -> None:
+    def tell_errors(self, rows: IntArray) -> None:
         """Errors of what did not get there, at an equilibrium: near where the search ended, or, without one within the limits of
         the shape, where it began."""
         if not len(rows):
@@ -360,7 +360,7 @@ class Search:
             rows = np.flatnonzero(self._found())
             self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
         if not done:
-            self._tell_errors(np.flatnonzero(UNREACHED[self.status]))
+            self.tell_errors(np.flatnonzero(UNREACHED[self.status]))
         found, last, here = self._found(), self.last, self.here
         x = problem.read("unknowns")
         at, there = last.x.tobytes(), last.p.tobytes()  # bytes that are the same are compared at once

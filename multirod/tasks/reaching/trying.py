@@ -113,7 +113,7 @@ def search_part(
         steadied(search)
     if not search.all_reached:
         search.returned()
-        neared(search)
+        neared(search, within)
         eased(search)
     search.leave()
     return search
