@@ -667,6 +667,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "radians",
         ),
         Mistake(
+            "the turn of what holds an end in degrees",
+            "mr.HeldRod(rod()).inputs(end_rotation=(0, 0, 90))",
+            WARNING,
+            "if it is in degrees, give 1.5708",
+            "radians",
+        ),
+        Mistake(
             "a base turned that turns back",
             "mr.HeldRod(rod(), base_joint='spherical').inputs(rotation=0.5)",
             WARNING,

@@ -538,6 +538,8 @@ def test_what_nothing_holds_or_moves_freely_is_named():
     mr.Network(rods=rods, bodies=[plate], joints=[base, mr.Joint("leg", "tip", to=plate, kind="spherical", stiffness=0.1)])
     with pytest.raises(TypeError, match="Network.rods must be a mapping of names to Rod"):
         mr.Network(rods=[LEG], joints=[base])
+    with pytest.raises(TypeError, match=r"Network.rods\['leg'\] = .* must be a Rod or ConcentricTubes, not SingleRod"):
+        mr.Network(rods={"leg": mr.SingleRod(LEG)}, joints=[base])
 
 
 def test_joints_and_bodies_are_checked():

@@ -671,7 +671,9 @@ def test_refused(change, message):
 
 def test_refused_inputs():
     with pytest.raises(TypeError, match=r"ParallelRods.legs must be a list of Rod or ConcentricTubes"):
-        mr.ParallelRods(legs=[mr.SingleRod(ROD)] * 2, base=ring(2, 0.06), platform=ring(2, 0.03))
+        mr.ParallelRods(legs=ROD, base=ring(2, 0.06), platform=ring(2, 0.03))
+    with pytest.raises(TypeError, match=r"ParallelRods.legs\[1\] = .* must be a Rod or ConcentricTubes, not SingleRod"):
+        mr.ParallelRods(legs=[ROD, mr.SingleRod(ROD)], base=ring(2, 0.06), platform=ring(2, 0.03))
     parallel = robot([ROD, tubes()])
     with pytest.raises(ValueError, match=r"legs\[0\]: translation = -0.3 .*no rod is left in use"):
         parallel.inputs(translation=(-0.3, 0, 0))

@@ -103,7 +103,7 @@ class Network(Assembly):
         driven: Sequence[str] | None = None,
         segments: Mapping[str, int] | None = None,
     ) -> None:
-        if not isinstance(rods, Mapping) or not rods or not all(isinstance(rod, (Rod, ConcentricTubes)) for rod in rods.values()):
+        if not isinstance(rods, Mapping) or not rods:
             raise TypeError("Network.rods must be a mapping of names to Rod or ConcentricTubes, and hold one at least")
         for name in rods:
             name_of("Network.rods", name)

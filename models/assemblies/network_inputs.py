@@ -21,7 +21,7 @@ from multirod.models.platform.inputs import LEG_INPUTS
 from multirod.naming import meant
 from multirod.read_only import changed
 from multirod.rod import Rod
-from multirod.validation import refuse, sequence
+from multirod.validation import instance, refuse, sequence
 
 INPUTS = tuple(replace(spec, function=False) for spec in LEG_INPUTS)
 OF_ONE = {spec.name: spec for spec in BACKBONE_INPUTS}  # rod, by name
@@ -172,6 +172,7 @@ def refuse_around(graph: Graph) -> None:
 
 def robot_of(rod: Rod | ConcentricTubes, name: str) -> BackboneAssembly:
     """A rod as a robot of its own, by the name that it has in the network."""
+    instance(f"Network.rods[{name!r}]", rod, (Rod, ConcentricTubes), "a Rod or ConcentricTubes")
     return renamed(SingleRod(rod) if isinstance(rod, Rod) else rod, name)
 
 

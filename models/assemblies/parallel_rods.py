@@ -41,7 +41,7 @@ from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import DENSITY, Rod
 from multirod.types import Numbers, Poses
-from multirod.validation import Described, FloatArray, array, choice, directions, nonnegative_float, refuse
+from multirod.validation import Described, FloatArray, array, choice, directions, instance, nonnegative_float, refuse
 
 if TYPE_CHECKING:
     from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
@@ -93,8 +93,10 @@ class ParallelRods(Assembly):
         platform_mass: float = 0.0,
         platform_centre: Numbers = (0.0, 0.0, 0.0),
     ) -> None:
-        if not isinstance(legs, (list, tuple)) or not all(isinstance(leg, (Rod, ConcentricTubes)) for leg in legs):
+        if not isinstance(legs, (list, tuple)):
             raise TypeError("ParallelRods.legs must be a list of Rod or ConcentricTubes")
+        for k, leg in enumerate(legs):
+            instance(f"ParallelRods.legs[{k}]", leg, (Rod, ConcentricTubes), "a Rod or ConcentricTubes")
         count = len(legs)
         if not 2 <= count <= 12:
             refuse("ParallelRods.legs", Described(f"{count} legs"), "must be 2 to 12")

@@ -30,7 +30,7 @@ def of_inputs(robot: "Assembly", inputs: "Inputs") -> None:
             continue
         if spec.unit == "rad" and not spec.per_rod:
             _of_matrix(name, values)
-        if name in ("rotation", "platform_rotation", "angle"):
+        if spec.unit == "rad":
             of_angles(name, values, most)
         elif name == "gravity":
             _of_gravity(values, most, robot)
