@@ -30,7 +30,8 @@ class Shooting(Solver):
     Attributes:
         tolerance: Largest residual, max norm [1/m]; None is 1e-9 for rods of usual size, and otherwise a part of the largest
             precurvature, or of one over the length: 1e-9 of it where that is less than 1/m, 1e-12 of it where it is more than
-            1000/m, and for an integrator in ``"float32"`` 1e-5 (``docs/solvers.md``, Single precision).
+            1000/m, and for an integrator in ``"float32"`` 1e-5 (``docs/solvers.md``, Single precision). Of legs that are solved
+            in pieces it is what the last digits of the unknowns move the residual by, if that is more.
         integrator: Of the spatial equations.
         max_iterations: Newton iterations allowed, in each continuation step and in all of a warm start. ``iterations`` of a
             solution counts those of all steps, and may be more.
@@ -45,7 +46,7 @@ class Shooting(Solver):
             that clamps cut into six pieces counts as six. What has taken them without a result, or would, ends as
             ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of the residual, come on top.
         fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch, after single
-            precision double.
+            precision double, and for legs that are pulled hard pieces of them (``docs/parallel.md``).
         at_fold: What is done where a branch ends: ``"follow"`` goes where a robot would whose loads are raised slowly, to the
             status ``BIFURCATED`` or ``SNAPPED``, or in a ``solve`` of curved tubes to ``LOWEST_ENERGY`` (``docs/branches.md``);
             ``"stop"`` ends there, with the status ``BRANCH_END``, and no other equilibrium is looked for.

@@ -9,7 +9,7 @@ import multirod as mr
 from multirod.capabilities import Loading
 from multirod.models.joint_kernels import CLAMPED
 from multirod.models.platform.problem import ParallelProblem
-from multirod.rotations import vectors
+from multirod.rotations import matrices, vectors
 from multirod.solver import Outcome
 from multirod.solvers.continuation.natural import natural_branch
 from multirod.solvers.continuation.paths import Paths
@@ -20,6 +20,15 @@ from multirod.status import failures
 AGAIN = 46  # numbers of robots that are solved by putting them together anew,
 SNAPS = 13  # as their legs snap while they are joined,
 AT_ONCE = 40  # and that the first search solves
+
+
+def ring(count, radius):
+    """Poses around a circle, turned by their angle, shape (count, 4, 4)."""
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for k, angle in enumerate(2 * np.pi * np.arange(count) / count):
+        poses[k, :3, :3] = matrices(np.array([[0.1, 0.0, angle]]))[0]
+        poses[k, :2, 3] = radius * np.cos(angle), radius * np.sin(angle)
+    return poses
 
 
 def lost_at_first(drawn):
@@ -73,10 +82,51 @@ def test_a_moment_does_not_hide_what_happens_while_joints_close_without_it():
     assert not problem.stability.has_potential[0]
     problem.joints.close(Loading.NONE)
     assert problem.stability.has_potential[0]
-    solution = mr.solve(drawn.robot, drawn.inputs)
+    solution = mr.solve(drawn.robot, drawn.inputs, solver=mr.Shooting(fallback=False))  # not in pieces
     assert solution.status is mr.Status.SNAPPED
     assert violation(drawn, solution) <= 1e-6  # as above
     assert [event.load_factor for event in solution.events] == [0.0]
+
+
+@pytest.mark.parametrize("joint", ["clamped", "revolute"])
+def test_legs_in_pieces_say_where_those_in_one_piece_are(joint):
+    """(9c): of a batch of designs, one of a part of it; as stiff in torsion as in bending, bent, turned and pushed."""
+    rods = [
+        mr.Rod(
+            length=0.3, bending_stiffness=(0.02, 0.03), torsional_stiffness=0.031, precurvature=(2, -1, 0.5), axial_stiffness=400
+        ),
+        mr.Rod(length=0.32, bending_stiffness=0.02, torsional_stiffness=0.015, axial_stiffness=300),
+        mr.Rod(length=np.array([0.3, 0.31]), bending_stiffness=0.025, torsional_stiffness=0.02, axial_stiffness=300),
+    ]
+    robot = mr.ParallelRods(legs=rods, base=ring(3, 0.08), platform=ring(3, 0.04), joints=["clamped", "clamped", joint])
+    loads = {"tip_force": (0.1, 0.05, -0.1), "tip_moment": (0.002, 0, 0.004), "follower_force": (0, 0.1, 0)}
+    along = {"distributed_force": (0, 0.1, 0), "rotation": (0.3, -0.2, 0.1), "translation": (0.01, -0.01, 0.02)}
+    inputs = robot.inputs(**loads, **along)
+    found = mr.solve(robot, inputs)
+    assert (found.status == mr.Status.CONVERGED).all()
+    problem = robot.problem(inputs, integrator=mr.RK45())
+    part = problem.parts.of(np.array([1]))
+    pulled = np.zeros(part.unknown_count)
+    pulled[part.own[1].stop - 1] = 150 / 0.32
+    assert part.in_pieces(0, 0.4 * pulled) is None  # hardly pulled
+    cut = part.in_pieces(0, pulled)
+    outcome = natural_branch(cut.problem, mr.Shooting().newton(cut.problem), 1000)
+    assert outcome.status[0] == mr.Status.CONVERGED
+    unknowns, asked = cut.unknowns(), np.asarray(found.unknowns[1])
+    np.testing.assert_allclose(unknowns, asked, rtol=0, atol=1e-6 * np.abs(asked).max())  # of the default integrator
+    moved = robot.problem(robot.inputs(**loads, **along, force_point=(0.01, 0, 0)), integrator=mr.RK45())
+    assert moved.in_pieces(0, pulled) is None  # a network has none
+
+
+def test_rounding_loosens_no_tolerance_that_is_given():
+    drawn = draw(AT_ONCE)
+    problem = drawn.robot.problem(drawn.inputs, integrator=mr.RK45())
+    for given, least in ((None, 1e-7), (1e-10, 1e-10)):
+        newton = mr.Shooting(tolerance=given).newton(problem)
+        before = newton.tolerance()
+        with newton.no_finer(np.full(1, 1e-7)):
+            assert newton.tolerance() == least
+        assert newton.tolerance() == before
 
 
 def test_what_the_first_search_solves_pays_nothing(monkeypatch):
@@ -345,6 +395,6 @@ def test_joints_that_did_not_close_are_not_closed_again(monkeypatch):
 
     monkeypatch.setattr(Paths, "raise_from", noted)
     drawn = draw(266, 91, 12, 5.0)
-    solution = mr.solve(drawn.robot, drawn.inputs)
+    solution = mr.solve(drawn.robot, drawn.inputs, solver=mr.Shooting(fallback=False))  # not in pieces
     assert [event.load_factor for event in solution.events] == [0.0]
     assert len(set(starts)) == len(starts) > 1

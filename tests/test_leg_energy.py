@@ -202,9 +202,29 @@ def test_legs_that_are_pushed_together_close_past_their_folds(seed, number):
     hundredth of a radian, and rods that are pulled hard have no end near theirs by other steps. Where (4) took all its steps, or
     loads were raised, the floor was not tried."""
     drawn = draw(number, seed, 12, 5.0)
-    found = mr.solve(drawn.robot, drawn.inputs)
+    found = mr.solve(drawn.robot, drawn.inputs, solver=mr.Shooting(fallback=False))  # not in pieces
     assert found.status is mr.Status.SNAPPED
     assert found.integrations < 12_000
+    assert_a_minimum(drawn, found)
+
+
+# pulled by 170 to 240 EI/L^2; the last one has a fold on its way, which is followed in pieces
+@pytest.mark.parametrize(
+    ("seed", "number", "status"),
+    [(7, 16, "CONVERGED"), (901, 20, "CONVERGED"), (2024, 138, "CONVERGED"), (31, 209, "SNAPPED")],
+)
+def test_legs_that_are_pulled_hard_are_solved_in_pieces(seed, number, status):
+    """They were ``INTEGRATION_LIMIT``: what is off at the base of such a leg grows a million times, steps were 1e-5 long."""
+    drawn = draw(number, seed, 12, 5.0)
+    found = mr.solve(drawn.robot, drawn.inputs)
+    assert found.status.name == status
+    assert found.stability is mr.Stability.STABLE
+    assert found.residual < 1e-6  # a thousand times the default tolerance
+    assert found.integrations < 12_000
+    assert_a_minimum(drawn, found)
+
+
+def assert_a_minimum(drawn, found):
     energy = on_segments(drawn, found, 24)
     before = energy.position
     assert energy.settle() < 1e-5

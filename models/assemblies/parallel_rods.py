@@ -1,9 +1,10 @@
 """Parallel rods: several rods, or concentric tubes, that hold one platform."""
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import inf
+from math import inf, prod
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeAlias, Unpack
 
 import numpy as np
@@ -36,7 +37,9 @@ from multirod.models.platform.derivatives.designs import PARAMETERS, parameter_s
 from multirod.models.platform.geometry import Geometry
 from multirod.models.platform.inputs import LEG_INPUTS, PLATFORM_INPUTS
 from multirod.models.platform.problem import ParallelProblem
+from multirod.models.platform.starting.in_pieces import LegsInPieces, pieces_needed
 from multirod.naming import names_checked
+from multirod.pieces import CutUp
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import DENSITY, Rod
@@ -52,8 +55,51 @@ PLATFORM_MOMENT = 3 / 2  # times its lever over the length: the moment of that w
 CLOSURE = ("shear", "torsion", "anisotropy", "precurvature_profile")  # what these do depends on how the legs hold each other
 
 
+CUT = "platform"  # of a network, what the legs hold
+ON_CUT = {"tip_force": "force", "tip_moment": "moment", "follower_force": "follower_force", "follower_moment": "follower_moment"}
 INPUTS = (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:])
 Limits: TypeAlias = Sequence[Numbers] | NDArray[Any]  # a pair
+
+
+class _CutLegs(CutUp):
+    """Cuts the legs of a robot: as a network of one platform.
+
+    Args:
+        robot: Whose.
+        batch_shape: Leading axes of it and of its inputs.
+        numbers: Of the instances of a problem, in the flattened batch, shape (k,).
+    """
+
+    def __init__(self, robot: "ParallelRods", batch_shape: tuple[int, ...], numbers: IntArray) -> None:
+        self._robot, self._batch_shape, self._numbers = robot, batch_shape, numbers
+
+    def of(self, instances: IntArray) -> "_CutLegs":
+        return _CutLegs(self._robot, self._batch_shape, self._numbers[instances])
+
+    def cut(self, problem: Any, instance: int, unknowns: FloatArray) -> LegsInPieces | None:  # noqa: ANN401  (``ParallelProblem``)
+        given, legs = problem.inputs_given, self._robot.geometry.legs
+        simple = all(leg.rod_count == 1 and not (r.carried or r.loads or r.is_embedded) for leg in legs for r in leg.rods)
+        if given.profiles or given.is_active("force_point") or not simple:
+            return None
+        counts = pieces_needed(problem, instance, unknowns)
+        if max(counts) == 1:
+            return None
+        from multirod.files.instances import of_instances
+        from multirod.models.assemblies.stacked import stacked
+
+        inputs = given.take(problem.batch_shape, np.array([instance]))
+        values = {spec.name: getattr(inputs, spec.name)[0] for spec in LEG_INPUTS}
+        values |= {name: {CUT: getattr(inputs, own)[0]} for own, name in ON_CUT.items()}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is said of numbers was said of the robot's
+            robot = of_instances(self._robot, self._batch_shape, self._numbers[instance : instance + 1].reshape(()))
+            network = stacked(robot, names=[CUT], segments={f"{CUT} {k}": n for k, n in enumerate(counts) if n > 1})
+            asked = network.inputs(**{name: value for name, value in values.items() if np.any(_numbers(value))})
+        return LegsInPieces(problem, instance, network.problem(asked, integrator=problem.integrator, device=problem.device))
+
+
+def _numbers(value: Any) -> FloatArray:  # noqa: ANN401
+    return np.asarray(value[CUT] if isinstance(value, dict) else value)
 
 
 class ParallelRods(Assembly):
@@ -200,11 +246,12 @@ class ParallelRods(Assembly):
         instances: IntArray | None = None,
         **options: Any,  # noqa: ANN401  (of ``ParallelProblem``)
     ) -> ParallelProblem:
-        geometry = self.geometry
+        geometry, whole = self.geometry, np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
         if instances is not None:
-            whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
             geometry, inputs = geometry.take(whole, instances), inputs.take(whole, instances)
-        return ParallelProblem(geometry, inputs, **options)
+        result = ParallelProblem(geometry, inputs, **options)
+        result.cut_up = _CutLegs(self, whole, np.arange(prod(whole)) if instances is None else instances)
+        return result
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102
         robots = [leg.with_rods(rods[own]) for leg, own in zip(self.geometry.legs, self._own_rods, strict=True)]

@@ -222,6 +222,17 @@ class Newton:
         finally:
             self._set_tolerance(given)
 
+    @contextmanager
+    def no_finer(self, least: FloatArray) -> Iterator[None]:
+        """Within it no tolerance is less than ``least`` (instance_count,), which rounding leaves, unless one was given."""
+        own = self.tolerance()
+        if self._given_tolerance is None:
+            self._set_tolerance(np.maximum(own, least))
+        try:
+            yield
+        finally:
+            self._set_tolerance(own)
+
     def _set_tolerance(self, tolerance: FloatArray) -> None:
         self.state.tolerance.assign(tolerance)
         if self.eliminated is not None:

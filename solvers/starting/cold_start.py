@@ -17,6 +17,7 @@ from multirod.solvers.following.walk import NOISY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import Closed, assemble
+from multirod.solvers.starting.in_pieces import solve_in_pieces
 from multirod.solvers.starting.letting_out import let_out, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.starting.releasing import Releasing
@@ -222,6 +223,13 @@ class ColdStart:
         newton.allow(self._allowed)
         closed: Closed = {}
         ended = assemble(problem, newton, outcome, some, steps, further, closed=closed)
+        pulled = {place: unknowns for place, (_, _, unknowns) in closed.items()}
+
+        def in_pieces(at_fold: str) -> None:
+            stopped = ended & (self.options.at_fold == "stop")
+            solve_in_pieces(self.options, problem, newton, outcome, some & self.lost & ~stopped, pulled, at_fold)
+
+        in_pieces("stop")
         if further is None:
             outcome.status[ended] = Status.BRANCH_END
             self.chosen = self.chosen & ~ended
@@ -234,6 +242,7 @@ class ColdStart:
             open_ = np.zeros_like(ended)
             open_[[place for place, (status, *_) in closed.items() if status.failed]] = True
             assemble(problem, newton, outcome, some & self.lost & open_, steps, further, closed=closed, closing=True)
+            in_pieces("follow")
 
         def from_several_places() -> None:
             lowest_stable(problem, newton, outcome, some & self.lost, steps, further, self.options.sign)
