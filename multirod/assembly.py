@@ -218,9 +218,9 @@ class Assembly(Asked, Designs, ReadOnly, ABC):
 
     def _arranged(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Values with those in order that are given by name, where they can be."""
-        sizes = self.numbers_by_name
+        named = self.numbers_by_name
         return {
-            name: arranged(name, value, sizes[name]) if isinstance(value, Mapping) and sizes.get(name) else value
+            name: arranged(self, name, value) if isinstance(value, Mapping) and named.get(name) else value
             for name, value in values.items()
         }
 

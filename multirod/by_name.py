@@ -24,29 +24,62 @@ def each_named(rods: Sequence[Rod], specs: Iterable[InputSpec]) -> dict[str, dic
         if spec.per_rod:
             owners, others = names, names
         elif spec.acts == "lines":
-            driven = [(line.name, rod.name) for rod in rods for line in rod.lines if line.drive and line.drive[0] == spec.name]
-            owners, others = [line for line, _ in driven], [rod for _, rod in driven]
+            owners, others = driven_lines(rods, spec.name)
         else:
             continue
-        if _differ(owners):
+        if owners and _differ(owners):
             result[spec.name] = dict.fromkeys(owners, 1)
         elif _differ(names):
             result[spec.name] = {name: others.count(name) for name in names if name in others}
     return result
 
 
+def by_parts(robot: "Assembly", name: str, value: Mapping[Any, Any], present: Inputs | None = None) -> dict[Any, Any]:
+    """Values by the names of lines, where each so driven has one of its own, as those of their rods, by whose names an input is
+    taken. What is not named of a rod is as in ``present``, or zero."""
+    places = parts_of(robot, name)
+    numbers = {line: k for k, line in enumerate(driven_lines(robot.rods, name)[0])}
+    if not numbers or set(numbers) & set(places) or not set(numbers) & set(value):
+        return dict(value)
+    given = {numbers[line]: array(f"{name}[{line!r}]", value[line]) for line in value if line in numbers}
+    result = {key: own for key, own in value.items() if key not in numbers}
+    for part, place in places.items():
+        own = range(place.start, place.stop)
+        if not set(own) & set(given):
+            continue
+        if part in result:
+            refuse(name, part, f"must not be given beside a line of it, {min(set(numbers) & set(value))!r}")
+        kept = np.zeros(len(own)) if present is None else getattr(present, name)[..., place]
+        each = [given.get(k, kept[..., k - place.start]) for k in own]
+        result[part] = np.stack(np.broadcast_arrays(*each), axis=-1) if len(own) > 1 else each[0]
+    return result
+
+
+def driven_lines(rods: Sequence[Rod], name: str) -> tuple[list[str], list[str]]:
+    """Names of the lines that are driven by an input, none where these are not different names, and of their rods."""
+    driven = [(line.name, rod.name) for rod in rods for line in rod.lines if line.drive and line.drive[0] == name]
+    lines = [line for line, _ in driven]
+    return lines if _differ(lines) else [], [rod for _, rod in driven]
+
+
 def _differ(names: Sequence[str]) -> bool:
     return all(names) and len(set(names)) == len(names)
 
 
-def arranged(name: str, value: Mapping[Any, Any], sizes: Mapping[str, int]) -> FloatArray:
-    """Values by name as an array (..., numbers of all), as many numbers each as ``sizes`` says, which are in order; zero what is
-    not named."""
+def arranged(robot: "Assembly", name: str, value: Mapping[Any, Any]) -> FloatArray:
+    """Values by name as an array (..., numbers of all); zero what is not named.
+
+    Raises:
+        ValueError: If a name is none that the input is taken by, a value has not as many numbers as belong to it, or leading axes
+            do not broadcast.
+    """
+    sizes = robot.numbers_by_name[name]
     parts: dict[str, FloatArray] = {part: np.zeros(size) for part, size in sizes.items()}
-    for key, part in value.items():
+    for key, part in by_parts(robot, name, value).items():
         if key not in sizes:
-            hint = meant(key, sizes) if isinstance(key, str) else ""
-            refuse(name, key, f"must be by name, one of {', '.join(map(repr, sizes))}{hint}")
+            known = list(dict.fromkeys((*sizes, *driven_lines(robot.rods, name)[0])))
+            hint = meant(key, known) if isinstance(key, str) else ""
+            refuse(name, key, f"must be by name, one of {', '.join(map(repr, known))}{hint}")
         own = array(f"{name}[{key!r}]", part, (sizes[key],) if sizes[key] > 1 else ())
         parts[key] = own if sizes[key] > 1 else own[..., None]
     try:
@@ -71,5 +104,5 @@ def completed(robot: "Assembly", present: Inputs, changes: Mapping[str, Any]) ->
             kept = {}
             for part, own in parts_of(robot, name).items():
                 kept[part] = getattr(present, name)[..., own if own.stop - own.start > 1 else own.start]
-            result[name] = kept | dict(value)
+            result[name] = kept | by_parts(robot, name, value, present)
     return result

@@ -52,6 +52,23 @@ def test_lines_without_names_of_their_own_go_by_their_rods():
         alike.inputs(rotation={"leg": 1})
 
 
+def test_networks_take_lines_by_their_names_and_by_those_of_rods():
+    rods = {name: pulled(f"{name} flexor", f"{name} extensor") for name in ("left", "right")}
+    joints = [
+        mr.Joint(name, "base", to=mr.ground, pose=mr.Pose(position=(x, 0, 0), rotation=np.eye(3)))
+        for name, x in zip(rods, (0, 0.1), strict=True)
+    ]
+    robot = mr.Network(rods=rods, joints=joints)
+    given = robot.inputs(tension={"left extensor": [2.0, 3.0], "right": (4.0, 5.0)})
+    np.testing.assert_array_equal(given.tension, [[0, 2, 4, 5], [0, 3, 4, 5]])
+    kept = completed(robot, given, {"tension": {"right flexor": 7.0}})
+    np.testing.assert_array_equal(robot.inputs(**kept).tension, [[0, 2, 7, 5], [0, 3, 7, 5]])
+    with pytest.raises(ValueError, match="tension = 'left' .* beside a line of it, 'left flexor'"):
+        robot.inputs(tension={"left flexor": 1, "left": (1, 2)})
+    with pytest.raises(ValueError, match="'left', 'right', 'left flexor', .*; did you mean 'left flexor'"):
+        robot.inputs(tension={"left flexo": 1})
+
+
 @pytest.mark.parametrize(
     ("values", "said"),
     [

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from multirod.by_name import arranged
 from multirod.inputs import Inputs, InputSpec, InputSpecs
 from multirod.models.assemblies.concentric_tubes import ConcentricTubes
 from multirod.models.assemblies.single_rod import SingleRod
@@ -133,10 +132,10 @@ def driven_rods(given: Sequence[str] | None, rods: Iterable[str]) -> tuple[str, 
 
 
 def in_order(name: str, value: object, sizes: Mapping[str, int]) -> object:
-    """Values by name as an array (..., numbers of all), in the order of ``sizes``; an array of them likewise."""
+    """An array of values (..., places, 3) as one (..., numbers of all), in the order of ``sizes``; of values by name, frames of
+    bodies by the names that they have as places."""
     if isinstance(value, Mapping):
-        framed = name in ON_PLACES
-        return arranged(name, {_place(key) if framed else key: part for key, part in value.items()}, sizes)
+        return {_place(key): part for key, part in value.items()} if name in ON_PLACES else value
     several = name in (*ON_PLACES, *ON_RODS, *FIXED) and len(sizes) > 1
     if not several or not isinstance(value, (np.ndarray, list, tuple)):
         return value
