@@ -1,5 +1,7 @@
 """Robots fitted to shapes, against rods that are integrated by ``measured_rods``."""
 
+import re
+
 import numpy as np
 import pytest
 from measured_rods import MeasuredRod, turned_by
@@ -268,6 +270,30 @@ def test_one_factor_of_all_rods(pulls):
     left = apart.covariance("bending_stiffness") @ np.linalg.solve(apart._found.prior, axes)
     np.testing.assert_allclose(left, axes * part, atol=1e-9)  # (9): P P0^-1 d = kappa d
     assert 1 >= part[0] > part[-1] > 0
+
+
+def test_a_mixture_that_is_not_seen_is_named(pulls):
+    """Of tubes that nothing loads only ratios of stiffnesses are seen."""
+    robot, real, turned = (
+        tubes(),
+        tubes(1.1, 1.1, 0.95),
+        {"rotation": [(k, 0) for k in (0.5, 1.0, 1.5, 2.0)], "translation": (-0.16, -0.12)},
+    )
+    tips = mr.solve(real, real.inputs(**turned, tip_force=(0, 0, 0)))
+    seen = mr.Pose(position=tips.tip_position, rotation=tips.tip_rotation, sigma=(POSITION, ANGLE))
+    names, inputs = ("bending_stiffness", "torsional_stiffness", ("precurvature",)), robot.inputs(**turned, tip_force=(0, 0, 0))
+    blind = mr.calibrate(robot, inputs, parameters=names, measured=seen)
+    said = r"a mixture, 0\.50 rod 1: bending_stiffness \+ 0\.50 rod 2: bending_stiffness \+ .*give one of these a Prior"
+    assert re.search(said, repr(blind))  # whether it came to an end or not
+    known = dict.fromkeys(names[:2], mr.Prior(sigma=0.2)) | {names[2]: mr.Prior()}
+    fit = mr.calibrate(robot, inputs, parameters=known, measured=seen).raise_if_failed()
+    axes, part = fit.directions()
+    assert axes.shape == (5, 4)
+    assert not axes[4].any()  # it has no prior
+    np.testing.assert_allclose(np.abs(axes[:4, 0]), 0.5, atol=1e-2)
+    assert part[0] > 0.99
+    assert part[1] < 0.5
+    assert "the prior alone tells, 100% of its variance is kept: 0.50 rod 1: bending_stiffness + " in repr(fit)
 
 
 def test_columns_of_a_factor_are_differences(pulls):

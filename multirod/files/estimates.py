@@ -9,9 +9,10 @@ import numpy as np
 from multirod.files.results import limits_from, result_from, table_of_limits, table_of_result
 from multirod.status import Status
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.calibrate import Calibration, Fitted
+from multirod.tasks.estimating.calibrate import Calibration
 from multirod.tasks.estimating.estimate import Estimate
 from multirod.tasks.estimating.fit import Odd
+from multirod.tasks.estimating.fitted import Fitted
 
 ARRAYS = {name: name for name in ("missing", "misfit", "degrees", "rejected")}  # of an estimate, and where it has them
 ARRAYS |= {name: f"_{name}" for name in ("mean", "covariance", "prior")}

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Generic, Self
 
 import numpy as np
@@ -18,7 +17,8 @@ from multirod.running.simulation import as_solver, solve
 from multirod.solver import Solver
 from multirod.status import Status
 from multirod.tasks.estimating.estimate import SEEN, estimate, inconsistent
-from multirod.tasks.estimating.fit import Fit, Odd
+from multirod.tasks.estimating.fit import Fit
+from multirod.tasks.estimating.fitted import ALONE, Fitted, fitted, mixed
 from multirod.tasks.estimating.inference import consistent, kept, principal
 from multirod.tasks.estimating.loads import Loads
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
@@ -29,37 +29,6 @@ from multirod.tasks.measuring.along import Places
 from multirod.tasks.measuring.sensors import Measured, Sensor, batch_of, checked, refuse_nothing
 from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, device_name, frozen, instance, positive_int, refuse, shown, some_names
-
-HARDLY_SEEN = 1.0  # deviation, of factors over what was, of precurvatures in 1/m: a step there is a leap
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """What a fit found, NaN where it failed, and what came of it; ``Calibration`` says of each.
-
-    Attributes:
-        places: Where the numbers of each parameter are among all.
-        hardly_seen: Labels of numbers of which the measurements say next to nothing.
-        odd: Without which the others fit, where all do not.
-        unknown: Names of the inputs that were found beside them.
-        load_covariance: Of these, of each shape, (b, k, k).
-    """
-
-    places: dict[Key, slice]
-    labels: tuple[str, ...]
-    status: Status
-    iterations: int
-    integrations: int
-    missing: NDArray[np.bool_]
-    misfit: float
-    degrees: int
-    prior: FloatArray
-    values: FloatArray
-    covariance: FloatArray
-    hardly_seen: tuple[str, ...]
-    odd: Odd | None = None
-    unknown: tuple[str, ...] = ()
-    load_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
 
 class Calibration(Undecided, Generic[Robot_co]):
@@ -144,14 +113,25 @@ class Calibration(Undecided, Generic[Robot_co]):
         """Standard deviations, shape (k,) or (..., k)."""
         return np.asarray(frozen(np.sqrt(np.diagonal(self.covariance(name), axis1=-2, axis2=-1))))
 
-    def directions(self, name: Key) -> tuple[FloatArray, FloatArray]:
+    def directions(self, name: Key | None = None) -> tuple[FloatArray, FloatArray]:
         """(9) Directions of a parameter's numbers, what part of the prior's variance is kept along each, the least seen first.
 
+        Without a name, of all numbers that have a prior, counted in its deviations: which mixtures it alone tells of.
+
         Returns:
-            Unit columns, shape (k, k), and parts, shape (k,). NaN without a prior.
+            Unit columns, shape (k, k), and parts, shape (k,). NaN without a prior; without a name the rows of ``labels``, 0 where
+            there is none, and as many columns as there are priors.
         """
-        place = self._place(name)
-        axes, part = principal(self._found.covariance[place, place], self._found.prior[place, place])
+        found, place = self._found, slice(None) if name is None else self._place(name)
+        covariance, prior = found.covariance[place, place], found.prior[place, place]
+        if name is not None:
+            axes, part = principal(covariance, prior)
+            return np.asarray(frozen(axes)), np.asarray(frozen(part))
+        known = np.flatnonzero(np.isfinite(np.diagonal(prior)))
+        sigma, own = np.sqrt(np.diagonal(prior)[known]), np.ix_(known, known)
+        inner, part = principal(covariance[own] / sigma / sigma[:, None], prior[own] / sigma / sigma[:, None])
+        axes = np.zeros((len(prior), len(known)))
+        axes[known] = inner
         return np.asarray(frozen(axes)), np.asarray(frozen(part))
 
     @property
@@ -183,7 +163,7 @@ class Calibration(Undecided, Generic[Robot_co]):
         if found.odd is not None:
             return self._without
         if self.status is Status.STALLED and found.hardly_seen:
-            return f"the measurements say next to nothing of {', '.join(found.hardly_seen)}: give these a Prior, or measure more"
+            return found.unseen
         if self.status is Status.MAX_ITERATIONS:
             return "it has not come to an end: give max_iterations=, or a Prior for what may hardly be seen"
         return self.status.message
@@ -215,6 +195,15 @@ class Calibration(Undecided, Generic[Robot_co]):
         known = np.isfinite(np.diagonal(self._found.prior))
         return ["known by its prior alone" if own else "unobservable" for own in known] + ["unobservable"] * (count - len(known))
 
+    def _mixtures(self) -> list[str]:
+        """Mixtures of numbers of which the prior alone tells, where it does not of any one of these."""
+        axes, part = self.directions()
+        return [
+            f"of a mixture the prior alone tells, {part[k]:.0%} of its variance is kept: {mixed(self.labels, axes[:, k])}"
+            for k in np.flatnonzero(part > SEEN).tolist()
+            if np.abs(axes[:, k]).max() < ALONE
+        ]
+
     def _place(self, name: Key) -> slice:
         if name not in self._found.places:
             refuse("name", name, f"must be one of {', '.join(map(repr, self._found.places))}")
@@ -235,6 +224,7 @@ class Calibration(Undecided, Generic[Robot_co]):
             f"  {label:<{width}}{value:>12.6g} +- {spread:.2g}{'' if own else f'  ({why})'}"
             for label, value, spread, own, why in zip(labels, *told, self._unseen(len(labels)), strict=True)
         ] + rest
+        lines += [f"  {told}" for told in (*self._mixtures(), *([self._found.unseen] if self._found.hardly_seen else []))]
         head = f"Calibration({self.status.name}, misfit {self.misfit:.4g} of {self.degrees})"
         doubt = (
             []
@@ -316,7 +306,7 @@ def calibrate(
     fit = Fit(robot, whole, numbers, loads, rows, method, begin, device)
     fit.degrees = int(rows.known.sum()) - flat
     fit.run(most)
-    return Calibration(fit.solution, _fitted(numbers, fit))
+    return Calibration(fit.solution, fitted(numbers, fit))
 
 
 def _unknown(robot: Assembly, inputs: Inputs, unknown: object) -> tuple[str, ...]:
@@ -330,30 +320,6 @@ def _unknown(robot: Assembly, inputs: Inputs, unknown: object) -> tuple[str, ...
 def _of_all(robot: Assembly, name: str) -> Any:  # noqa: ANN401  (as ``unknown_of`` takes it)
     """That nothing is known of an input, whatever motors drive of it."""
     return {part: Prior() for part in parts_of(robot, name)} or Prior()
-
-
-def _fitted(numbers: Parameters, fit: Fit) -> Fitted:
-    loads, shared = fit.loads, slice(fit.loads.shared)
-    covariance = numbers.covariance(fit.p[shared], fit.covariance[shared, shared])
-    spread = zip(numbers.labels, np.sqrt(np.diagonal(covariance)), strict=True)
-    lost = np.nan if fit.status.failed else 1.0
-    return Fitted(
-        places=numbers.places,
-        labels=numbers.labels,
-        status=fit.status,
-        iterations=fit.iterations,
-        integrations=fit.integrations,
-        missing=fit.missing,
-        misfit=float(fit.square),
-        degrees=fit.degrees,
-        prior=numbers.prior,
-        values=lost * numbers.values(fit.p[shared]),
-        covariance=lost * covariance,
-        hardly_seen=tuple(label for label, own in spread if own > HARDLY_SEEN),
-        odd=fit.odd,
-        unknown=loads.names,
-        load_covariance=lost * loads.blocks(fit.covariance),
-    )
 
 
 def _checked(robot: Assembly, parameters: object) -> dict[Key, Prior]:

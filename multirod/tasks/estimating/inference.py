@@ -5,6 +5,7 @@ Numbers in parentheses are those of ``docs/estimation.md``.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +141,8 @@ def principal(covariance: FloatArray, prior: FloatArray) -> tuple[FloatArray, Fl
     NaN where a covariance is not finite.
     """
     k = covariance.shape[-1]
-    flat_after, flat_before = covariance.reshape(-1, k, k), np.broadcast_to(prior, covariance.shape).reshape(-1, k, k)
+    count = prod(covariance.shape[:-2])
+    flat_after, flat_before = (np.broadcast_to(own, covariance.shape).reshape(count, k, k) for own in (covariance, prior))
     axes, parts = np.full((len(flat_after), k, k), np.nan), np.full((len(flat_after), k), np.nan)
     sound = np.isfinite(flat_after).all(axis=(1, 2)) & np.isfinite(flat_before).all(axis=(1, 2))
     root = np.linalg.cholesky(flat_before[sound])

@@ -16,6 +16,7 @@ from multirod.tasks.estimating.priors import Prior
 from multirod.validation import FloatArray, refuse
 
 FACTORS = ("bending_stiffness", "torsional_stiffness", "foundation", "magnetisation")  # told over what they were
+FACTOR = ", over what it was"
 PARAMETERS = (*FACTORS, "precurvature", "base")
 SCALED = (*FACTORS, "precurvature")  # may share a factor
 Key: TypeAlias = str | tuple[str, ...]  # a parameter, or several that share a factor
@@ -223,7 +224,7 @@ def _group(robot: Assembly, key: Key) -> Group:
     called = [rod.name or f"rod {i + 1}" for i, rod in enumerate(robot.rods)]
     if key in FACTORS:
         rods = _rods(robot, key)
-        return Scaled([f"{called[i]}: {key}, over what it was" for i in rods], [[(key, i)] for i in rods])
+        return Scaled([f"{called[i]}: {key}{FACTOR}" for i in rods], [[(key, i)] for i in rods])
     curved = [(i, j) for i, rod in enumerate(robot.rods) for j, s in enumerate(rod.sections) if _precurvature(s).any()]
     curved = curved or [(i, j) for i, rod in enumerate(robot.rods) for j in range(len(rod.sections))]
     places = [(i, j, k) for i, j in curved for k in range(3)]
