@@ -14,6 +14,8 @@ import multirod as mr
 EI, LENGTH = 0.02, 0.5
 CRITICAL = np.pi**2 / 4 * EI / LENGTH**2
 PRECISE = mr.Shooting(integrator=mr.RK4(50))
+SOFT = {"bending_stiffness": 1.47e-7, "torsional_stiffness": 9.9e-8, "linear_density": 8.64e-4}
+MAGNET = (0, 0, 0.0628)
 
 
 def column(wide: float = 1.0, **more: object) -> mr.SingleRod:
@@ -193,6 +195,25 @@ def test_what_cannot_be_decided_is_no_result():
         mr.Shooting(at_fold="go")
     with pytest.raises(ValueError, match="Shooting.side = 'left' is not allowed"):
         mr.Shooting(side="left")
+
+
+@pytest.mark.parametrize("degrees", [138.6, 138.7, 140.0, 141.0])
+def test_what_changes_does_not_hide_by_stiff_modes_that_a_soft_one_is_unstable(degrees):
+    """A magnet on a rod under its weight, in a field that turns in the vertical plane, which it has just left: the field makes it
+    stiffer across as long as it is held where it was."""
+    sections = [mr.Section(length=0.04, magnetisation=(0, 0, 0), **SOFT), mr.Section(length=0.01, magnetisation=MAGNET, **SOFT)]
+    across = np.array([[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
+    robot = mr.SingleRod(mr.Rod(sections=sections), base=across)
+    angle = np.radians(degrees)
+    inputs = robot.inputs(gravity=(0, 0, -9.81), magnetic_field=0.03 * np.array([np.cos(angle), 0, np.sin(angle)]))
+    found, twin = (mr.solve(robot, inputs, solver=mr.Shooting(side=side)) for side in ("positive", "negative"))
+    assert found.status is mr.Status.BIFURCATED
+    assert found.stability is mr.Stability.STABLE
+    assert found.tip_position[1] > 0.005
+    np.testing.assert_allclose(twin.tip_position, found.tip_position * (1, -1, 1), rtol=0, atol=1e-9)
+    states = mr.equilibria(robot, inputs)
+    stable = states.tip_position[states.stability == mr.Stability.STABLE]
+    np.testing.assert_allclose(np.sort(stable[:, 1]), [twin.tip_position[1], found.tip_position[1]], rtol=0, atol=1e-7)
 
 
 def test_without_a_potential_damped_dynamics_go_on():

@@ -356,10 +356,12 @@ class Journey(Walk):
             slope = beyond.slope
             if slope.lowest < -CLEAR or abs(slope.along[0]) > DECIDED or held(slope):
                 return beyond
-            if (rest := (yield from self._rest_beside(critical, level, slope))) is not None:
+            rest = yield from self._rest_beside(critical, level, slope)
+            if rest is not None and (held(rest.slope) or rest.slope.lowest < -CLEAR):
                 return rest
             if level == 1.0:
-                return beyond if slope.lowest < -AT_END else None
+                last = beyond if rest is None else rest
+                return last if last.slope.lowest < -AT_END else None
             step *= 4
 
     def _way_out(self, slope: Slope, beyond: Point, critical: Point) -> tuple[FloatArray, bool]:

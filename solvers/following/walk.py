@@ -296,8 +296,8 @@ class Walk:
         return point
 
     def _rest_beside(self, critical: Point, level: float, slope: Slope) -> Run:
-        """The stable equilibrium on which branches merge beside the critical unknowns at a level beyond, by Newton's method; None
-        where there is none.
+        """The equilibrium on the same branch beside the critical unknowns at a level beyond, by Newton's method; None where there
+        is none.
 
         What is driven in its stiff modes is off in the soft one too: its slope alone tells neither that it is stable nor that it
         is not. With clamps ``_beyond`` has brought these to rest.
@@ -308,8 +308,7 @@ class Walk:
         rest, _ = yield from self._correct(critical.unknowns, level, 0, any_contraction=True)
         if rest is None or turn_between(critical.frames, rest.frames) > MERGED:
             return None
-        there = self._slope_or_none(rest)
-        return rest if there is not None and held(there) else None
+        return None if self._slope_or_none(rest) is None else rest
 
     def _halfway(self, critical: Point, level: float, landed: Point, neutral: int) -> Run:
         """The stable equilibrium at a quarter of the way if it is where a branch that leaves as the root of the load has it; None
