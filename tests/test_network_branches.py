@@ -11,6 +11,7 @@ from test_sliding import threaded
 import multirod as mr
 from multirod.models.backbone.equal_steps import step_counts
 from multirod.models.network.stability.conjugates import NetworkConjugates
+from multirod.models.network.stability.in_clamps import in_clamps, short_enough
 from multirod.rotations import vectors
 from multirod.solvers.following.descent import Points
 from multirod.solvers.following.turns import Turns
@@ -364,3 +365,60 @@ def test_two_struts_that_buckle_while_joints_close_carry_their_critical_load():
     for leg in (1, 3):
         pressed = np.linalg.norm(found.rod(f"leg {leg}").force[0])
         np.testing.assert_allclose(pressed, critical, rtol=5e-3)  # bent by a hundredth or two, they carry a little more
+
+
+@pytest.mark.parametrize("pieces", [1, 2])
+def test_a_round_rod_that_is_pushed_on_its_axis_buckles_to_the_side_of_the_rule(pieces):
+    """It may be turned about that, which no end shows, and alone each half may be."""
+    push, given = 0.01, {"bending_stiffness": 0.02, "torsional_stiffness": 0.015}
+    bodies = [mr.Body("end", fixed=True, pose=pose(position=(0, 0, 0.3)))]
+    joints = [mr.Joint("lower", "base", to=mr.ground)]
+    if pieces == 2:
+        bodies.append(mr.Body("middle", pose=pose(position=(0, 0, 0.15))))
+        joints += [mr.Joint("lower", "tip", to=bodies[1]), mr.Joint("upper", "base", to=bodies[1])]
+    joints.append(mr.Joint("upper" if pieces == 2 else "lower", "tip", to=bodies[0]))
+    rods = {name: mr.Rod(length=0.3 / pieces, **given) for name in ("lower", "upper")[:pieces]}
+    robot = mr.Network(rods=rods, bodies=bodies, joints=joints)
+    inputs = robot.inputs(fixed_position={"end": (0, 0, -push)})
+    found, twin = (mr.solve(robot, inputs, solver=mr.Shooting(side=side)) for side in ("positive", "negative"))
+    held = mr.HeldRod(mr.Rod(length=0.3, **given))
+    expected = mr.solve(held, held.inputs(end_position=(0, 0, -push)))
+    assert found.status is twin.status is mr.Status.BIFURCATED
+    assert found.stability is mr.Stability.FOLD
+    assert found.events[0].neutral == 1
+    assert found.index == 0
+    assert int(found.integrations) < 600  # looks with clamps are six each: 324 to 423 were measured
+    for own in (found, twin):
+        assert float(own.potential) == pytest.approx(float(expected.potential), rel=1e-8)
+    nodes = 2 if pieces == 2 else 3
+    top, below = (own.rod("lower", nodes=nodes).position[1] for own in (found, twin))
+    middle = expected.rod(0, nodes=3).position[1]
+    # turned about the axis by 0.01 rad at most, which costs nothing
+    aside = np.hypot(*middle[:2])
+    for own, side in ((top, 1), (below, -1)):
+        np.testing.assert_allclose(own, [side * aside, 0, middle[2]], rtol=0, atol=0.02 * aside)
+
+
+@pytest.mark.filterwarnings("ignore:the 50000 integrations")  # nine states will do
+def test_clamps_count_as_many_modes_as_forces_and_turns_of_ends_do():
+    """(45) against (16), at equilibria whose pieces are short enough."""
+    top = pose(position=(0, 0, 0.9 * LENGTH))
+    joints = [mr.Joint("rod", "base", to=mr.ground), mr.Joint("rod", "tip", to=mr.ground, pose=top)]
+    whisker = mr.Rod(length=0.1, bending_stiffness=EI, torsional_stiffness=EI)
+    robot = mr.Network(rods={"rod": STRIP, "whisker": whisker}, joints=[*joints, mr.Joint("whisker", "base", to=mr.ground)])
+    states = mr.equilibria(robot, robot.inputs())
+    known = np.flatnonzero(states.stability != mr.Stability.UNKNOWN)
+    counted = []
+    for k in known:
+        problem = robot.problem(robot.inputs(), integrator=mr.RK4(100))
+        problem.evaluate(states.unknowns[k][None])
+        with problem.everyone():
+            problem.integrate_rods()
+        if not short_enough(problem)[0]:
+            continue
+        told = in_clamps(problem, np.arange(1))
+        index = int((told.values[0] < -1e-6).sum())
+        assert index == states.index[k]
+        assert told.uncertainty[0].max() < 1e-3 * np.abs(told.values[0]).max()
+        counted.append(index)
+    assert set(counted) == {0, 1}

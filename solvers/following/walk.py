@@ -181,7 +181,7 @@ class Walk:
         """
         slope = self._slope_or_none(point) if self.has_tip else None
         told = point
-        if slope is None and clamped is not None and len(clamped.unknowns) > len(point.unknowns):
+        if (slope is None or not len(slope.values)) and clamped is not None and len(clamped.unknowns) > len(point.unknowns):
             told, slope = clamped, self._slope_or_none(clamped)
         if slope is None:
             return 0

@@ -349,6 +349,12 @@ class BackboneStability(StabilityAnalysis):
         unit = self.problem.sizes.least_stiffness / length
         return self._segments(scale * unit, scale * unit / length, scale / length)
 
+    def segments(self) -> FloatArray:
+        """(7) How many equal segments are sure to have no mode of their own each, with a factor of 2 to spare, shape
+        (instance_count,)."""
+        self._stiffness = self.problem.lines.least_stiffness()
+        return self._segments_of(self.problem.nodes.over(LOOKED_AT))
+
     def _segments_of(self, call: "NodePass") -> FloatArray:
         """(7) by the moments, forces and curvatures of a pass over nodes."""
         values = (call.read(f"node_{name}") for name in ("moment", "force", "curvature"))

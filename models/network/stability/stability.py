@@ -22,9 +22,10 @@ from multirod.models.backbone.stability.condensing.second_variation import (
 from multirod.models.network.elements.elements import GAP_AT, OWN, TURN_AT, Elements, counted, torque_units
 from multirod.models.network.joining.joints import MOST
 from multirod.models.network.joining.sliding import push_units, slid
+from multirod.models.network.stability.in_clamps import in_clamps, short_enough, turned_for_nothing
 from multirod.models.network.stability.spectrum import NEAREST, SPARSE, Scales, nearest_to_zero
 from multirod.models.network.state import forces_on, reference_state
-from multirod.stability import Modes, StabilityAnalysis
+from multirod.stability import NEUTRAL, Modes, StabilityAnalysis
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -104,11 +105,28 @@ class NetworkStability(StabilityAnalysis):
             told = symmetric_eigenvalues(form, known & potential, firm)
         if not form[0].shape[0]:  # rods between fixed places have nothing that is free
             told = Eigenvalues(np.full((count, 1), np.inf), *np.zeros((2, count, 1)))
+        doubtful = ~elimination.sound | turned_for_nothing(problem, state)
+        with np.errstate(invalid="ignore"):  # what is hidden by rounding alone
+            size = np.abs(told.values)
+            doubtful |= ((size <= told.neutral_below + told.uncertainty) & (told.uncertainty > told.neutral_below)).any(axis=1)
+        self._ask_clamps(told, hidden, known, potential & doubtful)
         diverging = known & ~potential
         if diverging.any():
             matrices = np.stack([form[k].toarray() if sparse else form[k] for k in np.flatnonzero(diverging).tolist()])
             diverging[diverging] = np.sign(certain_determinant(matrices)) * (-1.0) ** hidden[diverging] < 0
         return told.modes(hidden.astype(np.int32), known & potential, diverging)
+
+    def _ask_clamps(
+        self, told: Eigenvalues, hidden: NDArray[np.int_], known: NDArray[np.bool_], doubtful: NDArray[np.bool_]
+    ) -> None:
+        """(45) What clamps along rods tell, in the place of what is told, of those that are ``doubtful``."""
+        rows = np.flatnonzero(doubtful & short_enough(self.problem)) if doubtful.any() else np.zeros(0, dtype=np.intp)
+        found = in_clamps(self.problem, rows) if len(rows) else None
+        if found is not None:
+            width = min(told.values.shape[1], found.values.shape[1])
+            told.values[rows], told.uncertainty[rows], told.neutral_below[rows] = np.inf, 0.0, NEUTRAL
+            told.values[rows, :width], told.uncertainty[rows, :width] = found.values[:, :width], found.uncertainty[:, :width]
+            hidden[rows], known[rows] = (found.values[:, width:] < -NEUTRAL).sum(axis=1), True
 
     def _of_rods(self, joints: TipJoint | None) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
         """Unstable modes of each rod between clamped ends, but for ``joints`` at tips, shape (instance, rod, ...), the forces on
