@@ -908,6 +908,14 @@ GROUPS: dict[str, list[Mistake]] = {
             "a matrix, body to world",
         ),
         Mistake(
+            "a tip of an estimate",
+            "mr.estimate(robot, unknown={'tip_force': mr.Prior(0, sigma=1)}, "
+            "measured=mr.Pose(position=(0.05, 0, 0.28), sigma=1e-3)).tip_position",
+            AttributeError,
+            "its equilibrium has: solution.tip_position",
+            "found.solution.tip_position",
+        ),
+        Mistake(
             "a network without names",
             "mr.Network({'a': rod}, [])",
             TypeError,

@@ -73,6 +73,15 @@ def test_indices_of_batches_choose_what_they_did(batch):
     assert batch[...].batch_shape == (2,)
 
 
+def test_statuses_of_a_batch_are_counted(batch):
+    assert batch.status.counts() == {mr.Status.CONVERGED: batch.status.size}
+    mixed = type(batch.status).of(np.array([[1, 7], [1, 1]], dtype=np.int32))
+    assert mixed.counts() == {mr.Status.CONVERGED: 3, mr.Status.BRANCH_END: 1}
+    assert [code.name for code in mixed.counts()] == ["CONVERGED", "BRANCH_END"]
+    with pytest.raises(AttributeError, match=r"did you mean status.counts\(\), of a batch"):
+        _ = batch.counts
+
+
 def test_shapes_are_not_indexed_their_arrays_are(batch):
     shape = batch.rod(0)
     with refused(TypeError, "Shape[1] is not allowed: index one of its arrays, such as .position, or the solution"):

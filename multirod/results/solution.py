@@ -34,6 +34,7 @@ _OTHER_NAMES = {
     "rotation": "tip_rotation, or rod(0).rotation along a rod",
     **dict.fromkeys(("converged", "success", "ok"), "status, or failed"),
     **dict.fromkeys(("message", "reason"), "status.message"),
+    **dict.fromkeys(("counts", "statuses"), "status.counts(), of a batch"),
     **dict.fromkeys(("platform_position", "platform_rotation", "platform_pose"), "tip_position and tip_rotation, the platform's"),
     **dict.fromkeys(("leg", "tube"), "rod(0), by its number or its name"),
     **dict.fromkeys(("leg_force", "leg_forces", "leg_wrench", "leg_wrenches"), 'wrench(leg, "tip"), of each leg on the platform'),
@@ -156,7 +157,8 @@ class Solution(Asked, Wrenches[Robot_co]):
                 and at the base, 0, just behind: by 1e-12 of the length.
             of: ``"position"`` in the world [m], ``"rotation"`` of the rod's own frame, body to world, ``"curvature"`` in that
                 frame [1/m], or ``"wrench"``: force [N] and moment about the place [N m], in the world, that what lies beyond the
-                place exerts on what lies before it, of all tubes in each other and their lines: at 0 what ``wrench()`` says.
+                place exerts on what lies before it, of all tubes in each other and their lines: at 0 what ``wrench()`` says, at a
+                tip that something holds the opposite of ``wrench(rod, "tip")``.
             rod: Index or name of the rod.
 
         Returns:
@@ -200,9 +202,10 @@ class Solution(Asked, Wrenches[Robot_co]):
         """Stiffness of the end effector, shape (..., 6, 6): force [N], then moment [N m], by its position, then rotation vector.
 
         What a small displacement of the end effector takes, all inputs as they are: the inverse of the compliance by
-        ``tip_force`` and ``tip_moment``. In the axes of the world, about the origin of the end effector. Symmetric where its
-        loads have a potential (``docs/derivatives.md``). NaN where nothing moves it some way, as along a straight rod that
-        does not stretch, which a ``RuntimeWarning`` says, and where there is no result.
+        ``tip_force`` and ``tip_moment``, so that a column moves it one way and holds the five others. A force alone meets less,
+        often far less: ``np.linalg.inv(solution.jacobian("tip_force")[..., :3, :])``. In the axes of the world, about the origin
+        of the end effector. Symmetric where its loads have a potential (``docs/derivatives.md``). NaN where nothing moves it some
+        way, as along a straight rod that does not stretch, which a ``RuntimeWarning`` says, and where there is no result.
 
         Raises:
             AttributeError: If something holds the end.

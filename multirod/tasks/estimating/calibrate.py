@@ -21,6 +21,7 @@ from multirod.tasks.estimating.fit import Fit
 from multirod.tasks.estimating.fitted import ALONE, Fitted, fitted, mixed
 from multirod.tasks.estimating.inference import consistent, kept, principal
 from multirod.tasks.estimating.loads import Loads
+from multirod.tasks.estimating.of_solution import OfSolution
 from multirod.tasks.estimating.parameters import PARAMETERS, SCALED, Key, Parameters
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.estimating.unknown import unknown_of
@@ -31,7 +32,7 @@ from multirod.types import Numbers
 from multirod.validation import Described, FloatArray, device_name, frozen, instance, positive_int, refuse, shown, some_names
 
 
-class Calibration(Undecided, Generic[Robot_co]):
+class Calibration(OfSolution, Undecided, Generic[Robot_co]):
     """A robot fitted to measured shapes, and how sure its numbers are.
 
     ==============================================  ==============================================================================

@@ -23,6 +23,7 @@ from multirod.status import failures
 from multirod.tasks.estimating.bounded import Bounds
 from multirod.tasks.estimating.inference import consistent, kept, principal
 from multirod.tasks.estimating.iteration import Known, Part
+from multirod.tasks.estimating.of_solution import OfSolution
 from multirod.tasks.estimating.priors import Prior
 from multirod.tasks.estimating.unknown import Unknown, unknown_of
 from multirod.tasks.freed import every_label, places_of, with_values
@@ -37,7 +38,7 @@ NOT_SHOWN = 1e-9  # of the largest of some numbers, what is not shown
 FORCES = ("tip_force", "follower_force")  # whose covariance can be drawn
 
 
-class Estimate(Undecided, Generic[Robot_co]):
+class Estimate(OfSolution, Undecided, Generic[Robot_co]):
     """Inputs behind measurements: normal distributions to first order, one an instance; arrays have leading axes ``...``.
 
     What failed is NaN; ``status`` says why.
