@@ -390,6 +390,11 @@ def test_a_round_rod_that_is_pushed_on_its_axis_buckles_to_the_side_of_the_rule(
     assert int(found.integrations) < 600  # looks with clamps are six each: 324 to 423 were measured
     for own in (found, twin):
         assert float(own.potential) == pytest.approx(float(expected.potential), rel=1e-8)
+    pushes = np.linspace(push / 4, push, 4)
+    ways = np.stack([0 * pushes, 0 * pushes, -pushes], axis=-1)
+    motion = mr.simulate(robot, robot.inputs(fixed_position={"end": ways}), time=pushes).raise_if_failed()
+    assert names(motion) == ["BIFURCATED"]
+    assert float(motion.potential[-1]) == pytest.approx(float(expected.potential), rel=1e-8)
     nodes = 2 if pieces == 2 else 3
     top, below = (own.rod("lower", nodes=nodes).position[1] for own in (found, twin))
     middle = expected.rod(0, nodes=3).position[1]

@@ -63,7 +63,7 @@ class Journey(Walk):
             return
         soft = _nearly_neutral(point)
         found = yield from self._balanced(point, soft)
-        neutral = 0 if found is None else (yield from self._by_symmetry(found))
+        neutral = 0 if found is None else (yield from self._by_symmetry(found, soft=soft > 0))
         # these equations are a little finer than those that its branch ended by
         if neutral != soft:
             found = yield from self._balanced(point, neutral)

@@ -173,15 +173,19 @@ class Walk:
 
     # ---- along a branch ----
 
-    def _by_symmetry(self, point: Point, clamped: Point | None = None) -> Run:
-        """Modes that are neutral at a point and near it: those that symmetry leaves so.
+    def _by_symmetry(self, point: Point, clamped: Point | None = None, *, soft: bool = False) -> Run:
+        """Modes that are neutral at a point and near it: those that symmetry leaves so; of a ``soft`` one whose ends are all held
+        clamps are asked.
 
         A strut between a ball and a universal joint that has buckled turns about its chord, and neither end tells how far it is
         bent: then the same point does, ``clamped``.
         """
         slope = self._slope_or_none(point) if self.has_tip else None
         told = point
-        if (slope is None or not len(slope.values)) and clamped is not None and len(clamped.unknowns) > len(point.unknowns):
+        untold = slope is None or not len(slope.values)
+        if soft and self.has_tip and not len(point.among.forces):
+            clamped = yield from self._clamped(point)
+        if untold and clamped is not None and len(clamped.unknowns) > len(point.unknowns):
             told, slope = clamped, self._slope_or_none(clamped)
         if slope is None:
             return 0
