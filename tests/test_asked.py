@@ -73,6 +73,13 @@ def test_indices_of_batches_choose_what_they_did(batch):
     assert batch[...].batch_shape == (2,)
 
 
+def test_which_of_a_batch_is_pulled_in_too_far_is_said(robot):
+    pushed = np.zeros((120, 1))
+    pushed[100] = -2.0 * robot.longest
+    with pytest.raises(ValueError, match=r"translation = -\S+ at \[100\] of shape \(120,\) .*no rod is left in use"):
+        robot.inputs(translation=pushed)
+
+
 def test_statuses_of_a_batch_are_counted(batch):
     assert batch.status.counts() == {mr.Status.CONVERGED: batch.status.size}
     mixed = type(batch.status).of(np.array([[1, 7], [1, 1]], dtype=np.int32))

@@ -14,7 +14,7 @@ from multirod.models.backbone.inputs import BACKBONE_INPUTS, BY_MATERIAL, DRIVE_
 from multirod.naming import hinted
 from multirod.rod import Rod
 from multirod.types import Poses
-from multirod.validation import refuse
+from multirod.validation import first_of, refuse
 
 
 class SingleRod(BackboneAssembly):
@@ -67,11 +67,11 @@ class SingleRod(BackboneAssembly):
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         super().check(inputs)
         sure = not inputs.batch_shape and self.surely_takes("translation", inputs.translation.tolist())
-        if not sure and np.any(self.rods[0].length + inputs.translation[..., 0] <= 0):
-            shortest = float(np.min(inputs.translation))
-            refuse(
-                "translation", shortest, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use"
-            )
+        short = np.asarray(not sure and self.rods[0].length + inputs.translation[..., 0] <= 0)
+        if short.any():
+            pushed = np.broadcast_to(inputs.translation[..., 0], short.shape)
+            shown = first_of(short, pushed, float(np.min(inputs.translation)))
+            refuse("translation", shown, f"must be > -length = {-float(np.min(self.rods[0].length)):g} m: no rod is left in use")
         if "tip_curvature" in inputs.given and self.rods[0].carried:
             carried = "members" if self.rods[0].members else "lines"
             refuse("tip_curvature", inputs.tip_curvature.tolist(), f"must not be given: the rod has {carried}")
