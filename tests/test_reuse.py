@@ -2,6 +2,7 @@
 
 import gc
 from threading import Thread
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -191,3 +192,13 @@ def test_segments_are_made_for_those_that_ask(name, monkeypatch):
     robot = ROBOTS[name]
     assert mr.solve(robot, robot.inputs(**SCENES[name][0])).status is mr.Status.CONVERGED
     KEPT.forget()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_kept_problem_keeps_no_robot(name):
+    robot = ROBOTS[name].with_rods(ROBOTS[name].rods)
+    mr.solve(robot, robot.inputs(**SCENES[name][0]))
+    there = ref(robot)
+    del robot
+    gc.collect()
+    assert there() is None

@@ -1,11 +1,12 @@
 """Parallel rods: several rods, or concentric tubes, that hold one platform."""
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 from math import inf, prod
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeAlias, Unpack
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,15 +72,19 @@ class _CutLegs(CutUp):
     """
 
     def __init__(self, robot: "ParallelRods", batch_shape: tuple[int, ...], numbers: IntArray) -> None:
-        self._robot, self._batch_shape, self._numbers = robot, batch_shape, numbers
+        # a problem that is kept for its robot would keep that too
+        self._robot, self._batch_shape, self._numbers = ref(robot), batch_shape, numbers
 
     def of(self, instances: IntArray) -> "_CutLegs":
-        return _CutLegs(self._robot, self._batch_shape, self._numbers[instances])
+        result = copy(self)
+        result._numbers = self._numbers[instances]
+        return result
 
     def cut(self, problem: Any, instance: int, unknowns: FloatArray) -> LegsInPieces | None:  # noqa: ANN401  (``ParallelProblem``)
-        given, legs = problem.inputs_given, self._robot.geometry.legs
+        whole, given = self._robot(), problem.inputs_given
+        legs = () if whole is None else whole.geometry.legs
         simple = all(leg.rod_count == 1 and not (r.carried or r.loads or r.is_embedded) for leg in legs for r in leg.rods)
-        if given.profiles or given.is_active("force_point") or not simple:
+        if whole is None or given.profiles or given.is_active("force_point") or not simple:
             return None
         counts = pieces_needed(problem, instance, unknowns)
         if max(counts) == 1:
@@ -90,11 +95,10 @@ class _CutLegs(CutUp):
         inputs = given.take(problem.batch_shape, np.array([instance]))
         values = {spec.name: getattr(inputs, spec.name)[0] for spec in LEG_INPUTS}
         values |= {name: {CUT: getattr(inputs, own)[0]} for own, name in ON_CUT.items()}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what is said of numbers was said of the robot's
-            robot = of_instances(self._robot, self._batch_shape, self._numbers[instance : instance + 1].reshape(()))
-            network = stacked(robot, names=[CUT], segments={f"{CUT} {k}": n for k, n in enumerate(counts) if n > 1})
-            asked = network.inputs(**{name: value for name, value in values.items() if np.any(_numbers(value))})
+        own = self._numbers[instance : instance + 1].reshape(())
+        robot = of_instances(whole, self._batch_shape, own) if whole.batch_shape else whole
+        network = stacked(robot, names=[CUT], segments={f"{CUT} {k}": n for k, n in enumerate(counts) if n > 1})
+        asked = network.make_inputs({name: value for name, value in values.items() if np.any(_numbers(value))})
         return LegsInPieces(problem, instance, network.problem(asked, integrator=problem.integrator, device=problem.device))
 
 
