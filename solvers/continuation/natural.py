@@ -90,10 +90,8 @@ def _end_at_once(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> 
     if not some.any():
         return
     before, sign = problem.read("unknowns"), signs(_gamma(problem)[some])
-    allowed = newton.allowed()
-    newton.allow(np.clip(allowed - outcome.integrations, 0, AT_ONCE))
-    newton.run(some)
-    newton.allow(allowed)
+    with newton.within(np.clip(newton.allowed() - outcome.integrations, 0, AT_ONCE)):
+        newton.run(some)
     found, x = newton.outcome(), problem.read("unknowns")
     size = np.linalg.norm(x - before, axis=1)
     there = some & (found.status == CONVERGED) & (size <= HARDLY * np.linalg.norm(x, axis=1))
@@ -115,10 +113,8 @@ def _begin_again(
             return
         some, unknowns, taken = found
         outcome.integrations += some * taken
-        before = newton.allowed()
-        newton.allow(np.maximum(before - outcome.integrations, 0))
-        again = Paths.of(problem, newton, max_steps).raise_loads(some, bounds, unloaded=unknowns)
-    newton.allow(before)
+        with newton.within(np.maximum(newton.allowed() - outcome.integrations, 0)):
+            again = Paths.of(problem, newton, max_steps).raise_loads(some, bounds, unloaded=unknowns)
     if (lost := some & (again.status != CONVERGED)).any():
         _say_what_is_lost(problem, again, lost)
         _end_at_once(problem, newton, again)
@@ -130,14 +126,12 @@ def _stand(problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
     found = problem.standing(outcome.status)
     if found is None or problem.stability is None or outcome.reached is None:
         return
-    allowed, before = newton.allowed(), problem.read("unknowns")
-    some = found[0] & (outcome.integrations + 2 <= allowed)
+    before, some = problem.read("unknowns"), found[0] & (outcome.integrations + 2 <= newton.allowed())
     if not some.any():
         return
     problem.write("unknowns", np.where(some[:, None], found[1], before))
-    newton.allow(1)
-    newton.run(some)
-    newton.allow(allowed)
+    with newton.within(1):
+        newton.run(some)
     there = some & (newton.outcome().status == CONVERGED)
     outcome.integrations += some.astype(int) + there
     there[there] = ~_unstable(problem, np.flatnonzero(there))

@@ -180,10 +180,8 @@ class Paths:
     def _go_again(self, go: Callable[[BoolArray], Outcome], outcome: Outcome, some: BoolArray) -> None:
         """``go`` of some, by what the ``outcome`` leaves of their integrations; what they end with takes its place."""
         if some.any():
-            allowed = self._newton.allowed()
-            self._newton.allow(np.maximum(allowed - outcome.integrations, 0))
-            outcome.end_with(go(some), some)
-            self._newton.allow(allowed)
+            with self._newton.within(np.maximum(self._newton.allowed() - outcome.integrations, 0)):
+                outcome.end_with(go(some), some)
 
     def _get(self, name: str) -> NDArray[Any]:
         """A copy of a number of every instance."""

@@ -204,6 +204,16 @@ class Newton:
         """Integrations that a run or path may take, shape (instance_count,)."""
         return np.array(self.state.allowed.numpy())
 
+    @contextmanager
+    def within(self, integrations: IntArray | int) -> Iterator[None]:
+        """Within it so many are allowed, (instance_count,) or for all; then as many as were."""
+        before = self.allowed()
+        self.allow(integrations)
+        try:
+            yield
+        finally:
+            self.allow(before)
+
     def tolerance(self) -> FloatArray:
         """Largest residual of each instance [1/m], shape (instance_count,)."""
         return np.array(self.state.tolerance.numpy())
