@@ -126,22 +126,12 @@ def _judge_legs(scene: Scene, solution: mr.Solution, verdict: Verdict) -> None:
     if solution.status.failed:
         return
     legs = LegEquations(scene.rods, scene.loads)
-    verdict.gap = max(leg.gap(_told(solution, k, leg.node_count(_told(solution, k, 51)))) for k, leg in enumerate(legs.legs))
+    verdict.gap = max(leg.gap(solution.rod(k, nodes=leg.node_count(solution.rod(k)))) for k, leg in enumerate(legs.legs))
     found = legs.solve(legs.starts(solution), solution.tip_position, solution.tip_rotation)
     verdict.error = np.inf
     if found is not None:
         verdict.error = float(np.abs(found[0] - solution.tip_position).max() / legs.length)
         verdict.shape = float(np.abs(found[2]).max())
-
-
-def _told(solution: mr.Solution, leg: int, nodes: int) -> mr.Shape:
-    """A leg's shape by so many nodes, or by fewer where that is NaN, as it may be of one that is pulled hard: (19) of
-    ``docs/stability.md``."""
-    for count in range(nodes, 1, -1):
-        shape = solution.rod(leg, nodes=count)
-        if np.isfinite(shape.position).all():
-            return shape
-    raise AssertionError(f"leg {leg} has no shape")
 
 
 def _judge_stability(solution: mr.Solution, verdict: Verdict, unstable: int, margin: float) -> None:

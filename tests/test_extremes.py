@@ -43,6 +43,19 @@ def test_robots_of_several_rods(kind):
     assert sum(not v.status.failed for v in verdicts) >= 5
 
 
+def test_shapes_of_legs_that_are_pulled_hard_are_told_by_any_nodes():
+    """400 EI/L^2 in the softest of three, whose errors grow a hundred million times along it."""
+    scene = draw("three legs", 4)
+    solution = mr.solve(scene.robot, scene.inputs).raise_if_failed()
+    batch = mr.solve(scene.robot, scene.inputs.broadcast_to((2,)))
+    coarse = solution.rod(2, nodes=11).position
+    for nodes in (51, 61, 81):
+        own = solution.rod(2, nodes=nodes).position
+        np.testing.assert_allclose(own[:: (nodes - 1) // 10], coarse, atol=1e-4 * scene.robot.longest)
+        np.testing.assert_array_equal(batch[1].rod(2, nodes=nodes).position, own)
+    assert np.isfinite(solution.energy)
+
+
 def test_a_segment_that_cannot_be_integrated_fails_its_step_alone():
     """Torsion 6e-5 times as stiff as bending, under 3e4 EI/L^2 of the softest section: on the way a trial overflows, which once
     raised."""

@@ -17,7 +17,7 @@ from multirod.batch import parts, run
 from multirod.capabilities import Lines
 from multirod.naming import meant
 from multirod.problem import BoundaryProblem, LineShape, Shape
-from multirod.results.error import tip_error
+from multirod.results.error import finely, is_fine, tip_error
 from multirod.results.found import Found
 from multirod.results.scene import stand_in
 from multirod.reuse import borrowed
@@ -336,4 +336,28 @@ class Computed(Found[Robot_co]):
 
         energy, *arrays = self._gather(flat)
         count = len(names)
-        return tuple(Shape(*arrays[k : k + count]) for k in range(0, len(arrays), count)), energy
+        shapes = tuple(Shape(*arrays[k : k + count]) for k in range(0, len(arrays), count))
+        lost = ~self._failed & np.any([np.isnan(shape.position).any(axis=(1, 2)) for shape in shapes], axis=0)
+        if lost.any() and self._scene.integrator.adaptive and not is_fine(self._scene.integrator):
+            return self._found_finely(lost, shapes, energy)
+        return shapes, energy
+
+    def _found_finely(
+        self, lost: NDArray[np.bool_], shapes: tuple[Shape, ...], energy: FloatArray
+    ) -> tuple[tuple[Shape, ...], FloatArray]:
+        """The same, by finer steps of instances that are ``lost``, whose tips those of the solve do not lead to."""
+        finer = finely(self, lost.reshape(self.batch_shape), rounded=True)
+        others, stored = finer._all_shapes(shapes[0].arclength.shape[1])
+        sound = ~finer._failed
+        rows = np.flatnonzero(lost)[sound]
+
+        def put(values: FloatArray, other: FloatArray) -> FloatArray:
+            result = np.array(values)
+            result[rows] = other[sound]
+            return result
+
+        every = (
+            Shape(**{name: put(values, getattr(other, name)) for name, values in vars(shape).items()})
+            for shape, other in zip(shapes, others, strict=True)
+        )
+        return tuple(every), put(energy, stored)
