@@ -19,18 +19,15 @@ def each_named(rods: Sequence[Rod], specs: Iterable[InputSpec]) -> dict[str, dic
     """How many numbers of inputs per rod, or of what drives lines, belong to each by its name: to lines where each that is
     driven so has a name of its own, or else to their rods where each of these has one."""
     names = [rod.name for rod in rods]
+    names = names if _differ(names) else []
     result = {}
     for spec in specs:
         if spec.per_rod:
-            owners, others = names, names
+            result[spec.name] = dict.fromkeys(names, 1)
         elif spec.acts == "lines":
-            owners, others = driven_lines(rods, spec.name)
-        else:
-            continue
-        if owners and _differ(owners):
-            result[spec.name] = dict.fromkeys(owners, 1)
-        elif _differ(names):
-            result[spec.name] = {name: others.count(name) for name in names if name in others}
+            lines, owners = driven_lines(rods, spec.name)
+            by_rod = {name: owners.count(name) for name in names if name in owners}
+            result[spec.name] = dict.fromkeys(lines, 1) or by_rod
     return result
 
 

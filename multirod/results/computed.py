@@ -17,7 +17,7 @@ from multirod.batch import parts, run
 from multirod.capabilities import Lines
 from multirod.naming import meant
 from multirod.problem import BoundaryProblem, LineShape, Shape
-from multirod.results.error import finely, is_fine, tip_error
+from multirod.results.error import finely, may_be_finer, tip_error
 from multirod.results.found import Found
 from multirod.results.scene import stand_in
 from multirod.reuse import borrowed
@@ -338,7 +338,7 @@ class Computed(Found[Robot_co]):
         count = len(names)
         shapes = tuple(Shape(*arrays[k : k + count]) for k in range(0, len(arrays), count))
         lost = ~self._failed & np.any([np.isnan(shape.position).any(axis=(1, 2)) for shape in shapes], axis=0)
-        if lost.any() and self._scene.integrator.adaptive and not is_fine(self._scene.integrator):
+        if lost.any() and may_be_finer(self._scene.integrator):
             return self._found_finely(lost, shapes, energy)
         return shapes, energy
 

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from multirod.solver import Solver
 
 FINE = RK45(rtol=1e-11, atol=1e-13)  # of the kernels of any RK45
-# where poses are unknowns, as of platforms and bodies, what a residual within the usual tolerance leaves is all that they are off
 ROUNDED = 1e-7  # over the longest rod [1/m]: a residual that moves no tip by more of its length, and more than rounding leaves
+# where poses are unknowns, as of platforms and bodies, what a residual within the usual tolerance leaves is all that they are off
 CLOSE, STEPS = 1e-12, 3  # [1/m], which rounding may not allow, and Newton's steps to it
 
 
-def is_fine(integrator: "Integrator") -> bool:
-    """Whether ``finely`` would be no finer."""
-    return isinstance(integrator, AdaptiveIntegrator) and integrator.rtol <= FINE.rtol
+def may_be_finer(integrator: "Integrator") -> bool:
+    """Whether ``finely`` has the steps of one that chooses them finer."""
+    return isinstance(integrator, AdaptiveIntegrator) and integrator.adaptive and integrator.rtol > FINE.rtol
 
 
 def finely(solution: "Solution[Any] | Found[Any]", chosen: NDArray[np.bool_], *, rounded: bool = False) -> Any:  # noqa: ANN401  (as it is)

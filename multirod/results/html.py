@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from multirod.status import Status, failures
+from multirod.status import Status, Statuses, failures
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -231,8 +231,7 @@ def _some(count: int) -> list[int]:
 def _summary(found: "Solution", shown: int, noun: str) -> list[str]:
     """How many ended how, and the largest residual of those that have a result."""
     status = np.asarray(found.status, dtype=np.int64).reshape(-1)
-    codes, counts = np.unique(status, return_counts=True)
-    notes = [", ".join(f"{count:,} {Status(int(code)).name}" for code, count in zip(codes, counts, strict=True)) or "empty"]
+    notes = [", ".join(f"{count:,} {code}" for code, count in Statuses.of(status).counts().items()) or "empty"]
     sound = ~failures(status)
     residual: FloatArray = np.asarray(found.residual, dtype=np.float64).reshape(-1)[sound]
     if len(residual):

@@ -14,7 +14,7 @@ from multirod.naming import Asked, hinted, names_checked
 from multirod.results import derivatives
 from multirod.results.remarks import Remarks
 from multirod.results.wrenches import Wrenches
-from multirod.status import Status
+from multirod.status import Status, Statuses
 from multirod.types import AxesGiven, AxesOrArray, Index, Name, Named, Numbers, Parameter, Quantity, SaveOptions
 from multirod.validation import FloatArray
 
@@ -391,5 +391,5 @@ class Solution(Asked, Wrenches[Robot_co]):
         return f"; dropped {', '.join(map(str, self.dropped))}" if self.dropped else ""
 
     def _counts(self, chosen: Instances) -> str:
-        values, counts = np.unique(self._outcome.status.reshape(-1)[chosen], return_counts=True)
-        return ", ".join(f"{count} {Status(int(value))}" for value, count in zip(values, counts, strict=True))
+        counts = Statuses.of(self._outcome.status.reshape(-1)[chosen]).counts()
+        return ", ".join(f"{count} {status}" for status, count in counts.items())

@@ -77,7 +77,6 @@ class Nearing:
         chosen[rows] = True
         told = self._told(rows, search.task.evaluate(search.last.x, search.last.p, chosen))
         search.integrations[rows] += 1
-        search.errors[rows] = self._goals.rows.take(rows).at(search.task.last(rows))[0]
         least = np.full(len(rows), SOFT)
         rests[:] = ~(self.step(told.r, told.J, at.p, least)[1] >= WORTH)
         on, softness = ~rests, np.full(len(rows), FIRST)
@@ -114,7 +113,10 @@ class Nearing:
         return nearer, rests
 
     def _told(self, rows: IntArray, found: Evaluation) -> _Told:
-        r, J = found.condensed(*self._goals.rows.take(rows).at(found))
+        """Of some instances, whose errors are then known."""
+        errors, *slopes = self._goals.rows.take(rows).at(found)
+        self._search.errors[rows] = errors
+        r, J = found.condensed(errors, *slopes)
         towards, by = found.eliminated
         return _Told(r, J * self._goals.unit, towards, by * self._goals.unit, np.linalg.slogdet(found.gamma)[0])
 
@@ -141,10 +143,11 @@ def _bring(search: Search, rows: IntArray, start: Place) -> None:
     goals, before, errors = search.goals, search.last.copy(), search.errors.copy()
     search.last.put(rows, start)
     nearer, rests = Nearing(search).of(rows)
-    left = np.linalg.norm(search.errors[rows], axis=1)
-    there, nearer = left <= goals.tolerance, nearer & (left < np.linalg.norm(errors[rows], axis=1))
+    nearer &= np.linalg.norm(search.errors[rows], axis=1) < np.linalg.norm(errors[rows], axis=1)
     search.last.put(rows, before)
     search.last.put(rows[nearer], search.here)
+    search.errors[rows[~nearer]] = errors[rows[~nearer]]
+    there = np.linalg.norm(search.errors[rows], axis=1) <= goals.tolerance
     limited = search.status[rows] == AT_LIMIT
     asked = nearer | (there & ~limited)  # of a limit it was asked where the search ended
     sound = asked.copy()
