@@ -5,11 +5,11 @@ arrays of kernels in ``passes.buffers``, passes over nodes in ``nodes``, derivat
 lengths, stiffnesses and loads as numbers in ``sizes``.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import warp as wp
@@ -51,8 +51,6 @@ from multirod.problem import BoundaryProblem
 from multirod.profile import DEGREE
 from multirod.rod import Rod, RodArrays, lower
 from multirod.validation import FloatArray
-
-Number = TypeVar("Number", bound=np.generic)
 
 
 class ProblemOptions(TypedDict, total=False):
@@ -181,7 +179,6 @@ class BackboneProblem(BoundaryProblem):
             self.expect_form()
         if may_be_bounded(self):
             expect(make_mode_bounds, device)
-        self._found: dict[str, tuple[bytes, NDArray[Any]]] = {}  # by name, for what and what
         self._call = self.buffers.call_at_equal_steps()
         self.launch: LanePass | ClampedBackbones
         if pieces > 1:
@@ -429,16 +426,7 @@ class BackboneProblem(BoundaryProblem):
 
     def load_scale(self) -> FloatArray:  # noqa: D102
         inputs = self.read("inputs")
-        return self.found_for("load_scale", inputs, lambda: self.sizes.load(inputs))
-
-    def found_for(self, name: str, given: FloatArray, find: Callable[[], NDArray[Number]]) -> NDArray[Number]:
-        """A copy of what ``find`` finds, which follows from ``given`` alone: several ask for the same in one solve, and in the
-        next."""
-        kept, key = self._found.get(name), given.tobytes()
-        if kept is None or kept[0] != key:
-            kept = self._found[name] = key, find()
-        found: NDArray[Number] = kept[1].copy()
-        return found
+        return self.found_for("load_scale", inputs, lambda: self.sizes.load(inputs)).copy()
 
     @property
     def has_potential(self) -> bool:

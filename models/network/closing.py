@@ -53,7 +53,6 @@ class Closing:
         """As at first."""
         self.opening[:], self.soft[:], self.shift[:] = 0.0, 0.0, 0.0
         self.loading[:] = int(Loading.RISING)
-        self._found: Apart | None = None
 
     def write(self) -> None:
         """To the kernels' arrays, where they are elsewhere."""
@@ -132,9 +131,7 @@ class Closing:
     def apart(self) -> Apart:
         """The network taken apart at the present inputs; found once for all who ask."""
         inputs = self.problem.read("inputs")[:, : self.problem.input_slice(LOADED[0]).start]
-        if self._found is None or not np.array_equal(self._found.inputs, inputs):
-            self._found = taken_apart(self.problem, inputs)
-        return self._found
+        return self.problem.found_for("apart", inputs, lambda: taken_apart(self.problem))
 
     def numbers(self) -> FloatArray:
         """What is kept of ``Gamma``, shape (instance_count, k)."""
@@ -176,6 +173,10 @@ class Closing:
 
 def load_scale(problem: "NetworkProblem") -> FloatArray:
     """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""
+    return problem.found_for("load_scale", problem.read("inputs"), lambda: _load_scale(problem)).copy()
+
+
+def _load_scale(problem: "NetworkProblem") -> FloatArray:
     problem.hand_over()
     own = [group.backbones.load_scale().reshape(problem.instance_count, -1).max(axis=1) for group in problem.groups]
     total = np.sum(own, axis=0)

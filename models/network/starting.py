@@ -46,25 +46,25 @@ BOW = 2.0  # rad of a whole rod, by which one between what does not move starts 
 BENDING = 0.1  # L^3/EI by which rods give way along themselves where they are bent to first order
 
 
-@dataclass(frozen=True)
+@dataclass
 class Apart:
     """The network taken apart, at certain inputs.
 
     Attributes:
-        inputs: Those that are no loads on bodies, (instance_count, k).
         unknowns: [1/m], shape (instance_count, n).
         residual: There, without loads [1/m], shape (instance_count, n).
         gamma: The numbers of ``Gamma`` there that are kept, shape (instance_count, k).
         turned: From the frames of the bases to those of what holds the tips, shape (instance_count, rod, 3, 3).
         beams: How rods answer at their tips, where all bodies stand on rods that may be taken for beams.
+        joined: The network put together from there, and what is left of the residual, as soon as that was found.
     """
 
-    inputs: FloatArray
     unknowns: FloatArray
     residual: FloatArray
     gamma: FloatArray
     turned: FloatArray
     beams: "Beams | None"
+    joined: tuple[Together, FloatArray] | None = None
 
 
 class Beams:
@@ -133,8 +133,8 @@ class Beams:
         )
 
 
-def taken_apart(problem: "NetworkProblem", inputs: FloatArray) -> Apart:
-    """The network taken apart; ``inputs`` are the present ones that are no loads on bodies."""
+def taken_apart(problem: "NetworkProblem") -> Apart:
+    """The network taken apart at the present inputs, of which those that are no loads matter."""
     with problem.closing.unloaded(), np.errstate(all="ignore"):
         x = np.zeros((problem.instance_count, problem.unknown_count))
         for group in problem.groups:
@@ -152,7 +152,7 @@ def taken_apart(problem: "NetworkProblem", inputs: FloatArray) -> Apart:
         problem.write("unknowns", x)
         problem._assemble()
         gamma = np.array(problem.closing.numbers())
-        return Apart(inputs, x, problem.read("residual"), gamma, _turned(problem, state), beams)
+        return Apart(x, problem.read("residual"), gamma, _turned(problem, state), beams)
 
 
 def _turned(problem: "NetworkProblem", state: "State") -> FloatArray:
@@ -267,8 +267,18 @@ class NetworkJoints(Joints):
     def together(self) -> Together:
         """Where rods are taken for beams; else (30), by Newton's method from the network taken apart, where its steps soon become
         much shorter."""
+        problem, apart = self.problem, self.problem.closing.apart()
+        if apart.joined is None:
+            apart.joined = self._joined(apart)
+        found, residual = apart.joined
+        self.shut()
+        problem.closing.opening[:] = np.where(found.sound[:, None], residual, 0.0)
+        # who asks goes on from there in place
+        return Together(*(values.copy() for values in vars(found).values()))
+
+    def _joined(self, apart: Apart) -> tuple[Together, FloatArray]:
+        """``Apart.joined``."""
         problem = self.problem
-        apart = problem.closing.apart()
         unknowns, residual = np.array(apart.unknowns), np.zeros_like(apart.residual)
         step = problem.closing.newton_step(apart.gamma, apart.residual)
         first = np.linalg.norm(step, axis=1)
@@ -279,9 +289,7 @@ class NetworkJoints(Joints):
             rigid = any(group.backbones.sizes.rigid_in_torsion for group in problem.groups)
             far = self._as_beams(np.isfinite(first) | rigid, unknowns, residual, sound, integrations)
             self._by_newton(~sound & np.isfinite(first), step, unknowns, residual, sound, integrations)
-        self.shut()
-        problem.closing.opening[:] = np.where(sound[:, None], residual, 0.0)
-        return Together(unknowns, sound, ~far, integrations)
+        return Together(unknowns, sound, ~far, integrations), residual
 
     def _by_newton(
         self,

@@ -1,11 +1,11 @@
 """The boundary problem: all that a solver sees of an assembly."""
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Event
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ TOLERANCE = 1e-9  # default of solvers, of the residual [1/m]
 LEAST_TOLERANCE = 1e-12  # of the curvature scale: rounding leaves no less
 SINGLE_TOLERANCE = 1e-5  # the same where rods are integrated in single precision, of the curvature scale
 DOUBLE_ROUNDING = float(np.finfo(np.float64).eps)
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,7 @@ class BoundaryProblem(ByInputs, Offers):
         self.rounding = DOUBLE_ROUNDING
         self.stop: Event | None = None
         self._tolerances: tuple[FloatArray | None, FloatArray] = None, np.zeros(0)  # for which scale, and by it
+        self._found: dict[str, tuple[bytes, Any]] = {}  # by name, for what and what
         self.side = 1  # or -1: to which ``guess`` goes where nothing but a rule tells it
 
     def renew(self, inputs: Inputs) -> bool:
@@ -117,6 +119,15 @@ class BoundaryProblem(ByInputs, Offers):
     def _clear(self) -> None:
         super()._clear()
         self.breakpoints, self.stop, self.budget, self.side = {}, None, None, 1
+
+    def found_for(self, name: str, given: FloatArray, find: Callable[[], Found]) -> Found:
+        """What ``find`` finds, which follows from ``given`` alone: several ask for the same in one solve, and in the next. It is
+        the same object for all of them."""
+        kept, key = self._found.get(name), given.tobytes()
+        if kept is None or kept[0] != key:
+            kept = self._found[name] = key, find()
+        found: Found = kept[1]
+        return found
 
     def expect_judging(self) -> None:
         """Be told that ``stability`` will be asked for often: what takes a kernel of its own may pay from here on."""

@@ -62,7 +62,7 @@ class BackboneStability(StabilityAnalysis):
     @property
     def has_potential(self) -> NDArray[np.bool_]:  # noqa: D102
         inputs, turned = self.problem.read("inputs"), 2 * len(self.problem.rods)  # and pushed, which is no load
-        return np.asarray(self.problem.found_for("has_potential", inputs[:, turned:], lambda: self._has_potential(inputs)))
+        return self.problem.found_for("has_potential", inputs[:, turned:], lambda: self._has_potential(inputs)).copy()
 
     def _has_potential(self, inputs: FloatArray) -> NDArray[np.bool_]:
         problem, features = self.problem, self.problem.features

@@ -35,17 +35,16 @@ class NetworkReach(Reach):
         self.rods = np.flatnonzero((self.stand[pairs] != FREE).all(axis=1))  # that are held at both ends
         self.pairs = pairs[self.rods]  # and these, shape (k, 2)
         self.bodies = _of_one_size([np.flatnonzero(self.stand == 1 + k) for k in range(len(graph.moving))])
-        self._found: tuple[FloatArray, NDArray[np.bool_]] | None = None  # by what was read of the inputs
 
     def exceeded(self) -> NDArray[np.bool_]:
         """(41) As said."""
         inputs = self.problem.read("inputs")[:, : self.problem.input_slice(LOADED[0]).start]
-        if self._found is None or not np.array_equal(self._found[0], inputs):
-            points, lengths = self._points(), self._lengths()
-            parts = np.array_split(np.arange(len(inputs)), -(-len(inputs) // TOGETHER))
-            found = [self._short(points[own], lengths[own])[0].any(axis=(1, 2)) for own in parts]
-            self._found = np.array(inputs), np.concatenate(found)
-        return self._found[1].copy()
+        return self.problem.found_for("out of reach", inputs, self._exceeded).copy()
+
+    def _exceeded(self) -> NDArray[np.bool_]:
+        points, lengths = self._points(), self._lengths()
+        parts = np.array_split(np.arange(len(lengths)), -(-len(lengths) // TOGETHER))
+        return np.concatenate([self._short(points[own], lengths[own])[0].any(axis=(1, 2)) for own in parts])
 
     def said(self, instance: int) -> str:  # noqa: D102
         points, lengths = (values[instance : instance + 1] for values in (self._points(), self._lengths()))

@@ -40,7 +40,6 @@ class Closed:
     """The unloaded robot at certain inputs.
 
     Attributes:
-        inputs: Packed, what is no load, shape (instance_count, k).
         unknowns: [1/m], shape (instance_count, n).
         residual: What is left of it there [1/m], shape (instance_count, n).
         gamma: ``Gamma`` there, shape (instance_count, n, n).
@@ -48,7 +47,6 @@ class Closed:
         near: Where Newton's step from there is short, shape (instance_count,).
     """
 
-    inputs: FloatArray
     unknowns: FloatArray
     residual: FloatArray
     gamma: FloatArray
@@ -86,12 +84,13 @@ class Closing:
     def closed(self) -> "Closed":
         """The unloaded robot at the present inputs; found once for all who ask."""
         inputs = self.problem.read("inputs")[:, : self.problem.robots.loads]
-        if self._found is None or not np.array_equal(self._found.inputs, inputs):
-            with self.unloaded():
-                x, legs, at = self.unloaded_legs()
-                found = self._leg_by_leg(x, legs, at) if self.problem.inverse else self._best(self._bent(x, legs, at))
-            self._found = Closed(inputs, *found)
+        self._found = self.problem.found_for("closed", inputs, self._close)
         return self._found
+
+    def _close(self) -> "Closed":
+        with self.unloaded():
+            x, legs, at = self.unloaded_legs()
+            return Closed(*(self._leg_by_leg(x, legs, at) if self.problem.inverse else self._best(self._bent(x, legs, at))))
 
     @contextmanager
     def unloaded(self) -> Iterator[None]:
