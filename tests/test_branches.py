@@ -284,6 +284,21 @@ def test_a_motion_goes_on_after_it_buckled_and_snapped(loop):
     assert snapped.energy_lost == pytest.approx(potential[0] - potential[1], rel=0.1)
 
 
+def test_a_history_tells_what_acted_at_any_time(loop):
+    """At an event too: Euler's load, where the rod buckled."""
+    buckled = next(event for sample in loop.events for event in sample)
+    force = loop.inputs_at(buckled.time).tip_force
+    assert force.shape == (3,)
+    assert force[2] == pytest.approx(-CRITICAL, rel=1e-4)
+    for k in (0, 7, len(loop.time) - 1):
+        np.testing.assert_allclose(loop.inputs_at(loop.time[k]).tip_force, loop.inputs.tip_force[k], rtol=1e-12)
+    mean = (loop.inputs.tip_force[7] + loop.inputs.tip_force[8]) / 2
+    np.testing.assert_allclose(loop.inputs_at((loop.time[7] + loop.time[8]) / 2).tip_force, mean, rtol=1e-12)
+    for beyond in (loop.time[0] - 1e-3, loop.time[-1] + 1e-3, np.nan):
+        with pytest.raises(ValueError, match=r"History\.inputs_at\.time"):
+            loop.inputs_at(beyond)
+
+
 def test_a_fold_is_where_the_state_before_loses_stability(loop):
     robot, sample = loop.assembly, int(np.flatnonzero(loop.status == mr.Status.SNAPPED)[0])
     (event,) = loop.events[sample]

@@ -18,7 +18,7 @@ from multirod.results.solution import Solution
 from multirod.solver import Outcome
 from multirod.status import failures
 from multirod.types import AxesGiven, AxesOrArray, HistoryOptions, Numbers, QuantityOverTime, ShowOptions
-from multirod.validation import FloatArray, array, frozen, refuse, sequence
+from multirod.validation import FloatArray, array, frozen, number, refuse, sequence
 
 
 class History(Solution[Robot_co]):
@@ -104,6 +104,28 @@ class History(Solution[Robot_co]):
         @cached_property
         def stability(self) -> NDArray[np.int32]:
             """Values of ``Stability``, shape (sample_count, ...)."""
+
+    def inputs_at(self, time: float) -> Inputs:
+        """The inputs at any time, as they change evenly from each sample to the next: of an event, what acted when it happened.
+
+        Args:
+            time: [s], from that of the first sample to that of the last, such as ``event.time``.
+
+        Returns:
+            The inputs, without the axis of time.
+
+        Raises:
+            ValueError: If ``time`` is another.
+        """
+        at = number("History.inputs_at.time", time)
+        if not self.time[0] <= at <= self.time[-1]:
+            refuse("History.inputs_at.time", time, f"must be from {self.time[0]:g} to {self.time[-1]:g}, times of samples, in s")
+        after = min(int(np.searchsorted(self.time, at)), len(self.time) - 1)
+        before = max(after - 1, 0)
+        part = (at - self.time[before]) / (self.time[after] - self.time[before]) if after else 1.0
+        whole = {name: getattr(self._applied, name) for name in self._applied.arrays}
+        arrays = {name: (1 - part) * values[before] + part * values[after] for name, values in whole.items()}
+        return self._applied.with_arrays(arrays, self.batch_shape[1:])
 
     def save(self, path: str | PathLike[str], **options: Unpack[HistoryOptions]) -> None:
         """Write the history to a file, by its ending: what ``Solution.save`` says, or ``.rrd``.
