@@ -39,7 +39,7 @@ class Shared:
     def fetched(self) -> NDArray[Any]:
         """``values``, after ``fetch``."""
         self.fetch()
-        return cast(NDArray[Any], self.values)
+        return cast("NDArray[Any]", self.values)
 
     def send(self) -> None:
         """What NumPy wrote to the device, where that is another."""

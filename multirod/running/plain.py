@@ -27,10 +27,10 @@ def several(value: Any) -> Sequence[Any] | None:  # noqa: ANN401  (told by its t
     """Its numbers, if these surely are several in a row."""
     kind = type(value)
     if kind is tuple or kind is list:
-        return cast(Sequence[Any], value)
+        return cast("Sequence[Any]", value)
     if kind is np.ndarray and value.ndim == 1:
         # those of single precision are left to the checks of others
-        return cast(Sequence[Any], value.tolist() if value.dtype in WHOLE else value)
+        return cast("Sequence[Any]", value.tolist() if value.dtype in WHOLE else value)
     return None
 
 

@@ -22,7 +22,7 @@ def turned(rotation: Any, off: float = 0.5 * ORTHOGONAL) -> TypeGuard[NDArray[np
     """Whether this surely is a rotation, as an array, whose ``R R^T`` is less than ``off`` from the identity."""
     if not plain(rotation, (3, 3)):
         return False
-    rows = cast(NDArray[np.float64], rotation).tolist()
+    rows = cast("NDArray[np.float64]", rotation).tolist()
     (a, b, c), (d, e, f), (g, h, i) = rows
     for k, (x, y, z) in enumerate(rows):
         for m, (u, v, w) in enumerate(rows[k:]):

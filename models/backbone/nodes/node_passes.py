@@ -71,9 +71,10 @@ class NodePasses:
         """A pass without columns at the unknowns of the solve, wherever it ends; of two nodes, by its very steps, if equal."""
         return self._pass(node_count, chosen, False, None, None, {})
 
-    def of_all(self, node_count: int) -> NodePass:
-        """A pass by columns over nodes of all rods together and all instances, not launched yet."""
-        return self._make_node_pass(node_count, False, True, None, None, {})
+    def of_all(self, node_count: int, *, one_step: bool = False) -> NodePass:
+        """A pass by columns over nodes of all rods together and all instances, not launched yet; of ``one_step`` alone between
+        two nodes, or an end of a rod or section."""
+        return self._make_node_pass(node_count, False, True, None, None, {}, one_step=one_step)
 
     def bare_of_all(self, node_count: int) -> NodePass:
         """A pass without columns over nodes of all rods together and all instances, at the unknowns of the solve whenever it is
@@ -145,12 +146,22 @@ class NodePasses:
         return made
 
     def _make_node_pass(
-        self, node_count: int, chosen: bool, columns: bool, rod: int | None, unknowns: FloatArray | None, changes: dict[str, Any]
+        self,
+        node_count: int,
+        chosen: bool,
+        columns: bool,
+        rod: int | None,
+        unknowns: FloatArray | None,
+        changes: dict[str, Any],
+        *,
+        one_step: bool = False,
     ) -> NodePass:
         problem, buffers, features = self.problem, self.problem.buffers, self._terms(columns, changes)
         if columns:
             problem.expect_form()
         call: Struct = buffers.call(node_count)
+        if one_step:
+            call.steps = 1.0
         if unknowns is not None:
             call.problem.unknowns = buffers.array(unknowns)
         call.node_rod = len(problem.rods) if rod is None else rod

@@ -19,12 +19,17 @@ from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.models.backbone.stability.condensing.forms import CompiledForm, form_of
 from multirod.models.backbone.stability.sure_kernels import Sure, make_sure
 from multirod.problem import FEW
+from multirod.stability import NEUTRAL
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 LATE = 8  # looks
+MISSES = 8  # of looks by one step between two nodes, where the integrator's own then say more: from then on these come first
+# by one step between two nodes: how much nearer the solve it is to end, and what eigenvalues are to be more than over ``K/L``,
+# beside so many times what the form lacks of symmetry: near where stability is lost they were off by 1e-4
+NEARER, CLEAR, SPARE = 10.0, 1e-2, 100.0
 
 
 def may_be_sure(problem: "BackboneProblem") -> bool:
@@ -58,7 +63,8 @@ class SureStability:
         self.needed = 0.0
         self.nodes: dict[tuple[int, bool], int] = {}
         self._late: deque[float] = deque([0.0], maxlen=LATE)
-        self._looks: dict[int, _Look | None] = {}  # by nodes; None where a kernel cannot launch others
+        self._looks: dict[tuple[int, bool], _Look | None] = {}  # by nodes and steps; None where a kernel cannot launch others
+        self._missed = 0
 
     @property
     def has_potential(self) -> bool:
@@ -78,9 +84,21 @@ class SureStability:
         return max(self._late)
 
     def holds(self, nodes: int) -> bool:
-        """Whether all instances are stable at the problem's unknowns, by so many nodes; False says nothing."""
+        """Whether all instances are stable at the problem's unknowns, by so many nodes; False says nothing.
+
+        One step between two nodes tells what is far from losing stability in half of the time; what it does not is told by the
+        integrator's own steps.
+        """
+        if self._missed < MISSES:
+            look = self._looked(nodes, one_step=True)
+            if look is not None and all(look.sure.tolist()):
+                return True
+            if self.needed >= nodes:
+                return False
         look = self._looked(nodes)
-        return look is not None and all(look.sure.tolist())
+        sure = look is not None and all(look.sure.tolist())
+        self._missed += sure
+        return sure
 
     def lowest(self, nodes: int) -> FloatArray | None:
         """The lowest eigenvalue of all instances by so many nodes, as ``Modes`` has it, shape (instance_count,); None says
@@ -92,20 +110,21 @@ class SureStability:
         form = look.form.values("matrix") / unit
         return np.asarray(np.linalg.eigvalsh((form + form.swapaxes(1, 2)) / 2)[:, 0])
 
-    def _looked(self, nodes: int) -> "_Look | None":
+    def _looked(self, nodes: int, *, one_step: bool = False) -> "_Look | None":
         """By so many nodes, launched."""
-        if nodes not in self._looks:
-            self._looks[nodes] = self._made(nodes)
-        look = self._looks[nodes]
+        key = nodes, one_step
+        if key not in self._looks:
+            self._looks[key] = self._made(nodes, one_step)
+        look = self._looks[key]
         if look is not None:
             look.launch()
             self.needed = max(look.needed.tolist())  # of few: NumPy's own take longer
             self._late.append(self.needed)
         return look
 
-    def _made(self, nodes: int) -> "_Look | None":
+    def _made(self, nodes: int, one_step: bool) -> "_Look | None":
         problem = self._problem
-        made: NodePass = problem.nodes.of_all(nodes)
+        made: NodePass = problem.nodes.of_all(nodes, one_step=one_step)
         free, n, device, count = 3 + problem.features.turning_count, len(problem.rods), problem.device, problem.instance_count
         form = form_of(made, free, n, device)
         form.want_all()
@@ -116,7 +135,8 @@ class SureStability:
             return None
         state: Any = Sure()
         problem.share(state, ("inputs", "fault", "position", "rotation"))
-        state.first, state.near = problem.input_slice("translation").start, NEAR / 3
+        state.first, state.near = problem.input_slice("translation").start, NEAR / 3 / (NEARER if one_step else 1.0)
+        state.least, state.spare = (CLEAR, SPARE) if one_step else (NEUTRAL, 1.0)
         bend, _, kappa = problem.sizes.bend_by_section
         if not problem.features.turning_count:
             bend, kappa = np.zeros_like(bend), np.zeros_like(kappa)

@@ -7,7 +7,6 @@ import warp as wp
 
 from multirod.kernels.own_module import own_module
 from multirod.kernels.repeated_kernels import Calls, launch_all
-from multirod.stability import NEUTRAL
 
 f64 = wp.float64
 
@@ -27,6 +26,8 @@ class Sure:
     bend: wp.array3d[wp.float64]  # of sections: EI |u*| [N m], |u*| [1/m]
     kappa: wp.array3d[wp.float64]
     near: wp.float64  # by how much the pass may end elsewhere than the solve, of numbers of a rotation, and of the length
+    least: wp.float64  # what eigenvalues are to be more than, over ``K/L``, and by so many times what the form lacks of symmetry
+    spare: wp.float64
     # of the pass, and of what condenses its columns
     column_arclength: wp.array2d[wp.float64]
     node_curvature: wp.array2d[wp.vec3d]
@@ -94,8 +95,8 @@ def as_solved(s: wp.ref[Sure], t: int) -> bool:
 
 @wp.func
 def positive(s: wp.ref[Sure], t: int) -> bool:
-    """Whether all eigenvalues of the form are surely more than neutral: its symmetric part, less that and what the rest may do to
-    them, has a Cholesky factor."""
+    """Whether all eigenvalues of the form are surely more than the least: its symmetric part, less that and what the rest may do
+    to them, has a Cholesky factor."""
     m = s.matrix.shape[1]
     lacking = f64(0.0)
     for i in range(m):
@@ -104,7 +105,7 @@ def positive(s: wp.ref[Sure], t: int) -> bool:
             s.work[t, i, j] = half * (s.matrix[t, i, j] + s.matrix[t, j, i])
             other = half * (s.matrix[t, i, j] - s.matrix[t, j, i])
             lacking += other * other
-    least = f64(wp.static(NEUTRAL)) + wp.sqrt(lacking)
+    least = s.least + s.spare * wp.sqrt(lacking)
     for k in range(m):
         pivot = s.work[t, k, k] - least
         for l in range(k):
