@@ -427,3 +427,62 @@ def test_clamps_count_as_many_modes_as_forces_and_turns_of_ends_do():
         assert told.uncertainty[0].max() < 1e-3 * np.abs(told.values[0]).max()
         counted.append(index)
     assert set(counted) == {0, 1}
+
+
+def arch_of_halves(mirrored):
+    """On two hinges, pressed at its crown, where its halves meet: integrated as mirror images, or one after the other."""
+    half = mr.Rod(length=0.15, bending_stiffness=(40 * EI, EI), torsional_stiffness=20 * EI, axial_stiffness=1e5 * EI)
+    slope, about = 0.6, (0, 1, 0)
+
+    def place(x, z, pitch):
+        return pose((0, pitch, 0), (x, 0, z))
+
+    feet = [place(sign * 0.15 * np.cos(slope), 0, np.pi / 2 + sign * slope) for sign in (-1, 1)]
+    crown = mr.Body("crown", pose=place(0, 0.15 * np.sin(slope), np.pi / 2))
+    joints = [
+        mr.Joint("left", "base", to=mr.ground, pose=feet[0], kind="revolute", axis=about),
+        mr.Joint("left", "tip", to=crown),
+    ]
+    if mirrored:
+        back = place(0, 0, np.pi)
+        joints += [
+            mr.Joint("right", "base", to=mr.ground, pose=feet[1] @ back, kind="revolute", axis=about),
+            mr.Joint("right", "tip", to=crown, pose=back),
+        ]
+    else:
+        joints += [
+            mr.Joint("right", "base", to=crown),
+            mr.Joint("right", "tip", to=mr.ground, pose=feet[1], kind="revolute", axis=about),
+        ]
+    return mr.Network(rods={"left": half, "right": half}, bodies=[crown], joints=joints)
+
+
+@pytest.mark.parametrize("steps", [None, 20], ids=["step control", "few steps"])
+def test_an_arch_leaves_symmetry_to_the_side_of_the_rule_though_errors_tell_another(steps):
+    """Of halves that are integrated one after the other, errors act as a load across: short steps went round the bend."""
+    integrator = mr.RK45() if steps is None else mr.RK4(steps)
+    longer, press = 0.15 * np.array([0.84, 0.86, 0.88, 0.9]), 12 * EI / 0.09
+
+    def moved(mirrored=False, side="positive", across=0.0):
+        robot = arch_of_halves(mirrored)
+        inputs = robot.inputs(force={"crown": (across * press, 0, -press)}, translation={"left": longer, "right": longer})
+        solver = mr.Shooting(integrator=integrator, side=side)
+        return mr.simulate(robot, inputs, time=np.arange(4.0), solver=solver).raise_if_failed()
+
+    expected = moved(mirrored=True)
+    assert names(expected) == ["BIFURCATED"]
+    for side, sign in (("positive", 1), ("negative", -1)):
+        found = moved(side=side)
+        assert names(found) == ["BIFURCATED"]
+        (event,), (other,) = said(found), said(expected)
+        assert (event.fold, event.energy_lost) == (False, 0)
+        assert event.time == pytest.approx(other.time, abs=1e-5 if steps is None else 1e-3)  # told by finer ones
+        assert found.stability[-1] is mr.Stability.STABLE
+        # errors of the few steps move it by as much as a load of a millionth does
+        np.testing.assert_allclose(found.tip_position[-1], expected.tip_position[-1] * (sign, 1, 1), rtol=0, atol=1e-5)
+        assert sign * found.tip_position[-1, 0] > 0.01
+    # a load that is more than errors decides, and nothing crosses
+    for side in ("positive", "negative"):
+        found = moved(side=side, across=-1e-5)
+        assert names(found) == []
+        assert found.tip_position[-1, 0] < -0.01

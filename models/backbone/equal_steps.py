@@ -9,7 +9,7 @@ import numpy as np
 
 from multirod.batch import IntArray
 from multirod.capabilities import Parts
-from multirod.integrators import AdaptiveIntegrator, Integrator
+from multirod.integrators import AdaptiveIntegrator, FixedStepIntegrator, Integrator
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
@@ -64,7 +64,10 @@ class PartsAtEqualSteps(Parts, Generic[P]):
 
     def _exact(self, instances: IntArray, times: int) -> Integrator:
         """By which branches are followed: that at equal steps, or their own in double precision."""
-        return self._at_equal_steps(instances, times) or self._integrator.in_double()
+        own = self._integrator.in_double()
+        if isinstance(own, AdaptiveIntegrator | FixedStepIntegrator) and own.steps is not None:
+            return replace(own, steps=times * own.steps)
+        return self._at_equal_steps(instances, times) or own
 
     def kinds(self, instances: IntArray) -> list[IntArray]:  # noqa: D102
         return split(instances, step_counts(self._backbones, self.problem.instance_count)[instances])

@@ -46,6 +46,7 @@ def follow(
     before: FloatArray | None = None,
     slack: NDArray[np.bool_] | None = None,
     thorough: bool = False,
+    times: int = 1,
 ) -> dict[int, Journey]:
     """Let the ``chosen`` instances go on from where their branches ended, or down from what is unstable at the end of its way;
     what comes to that end is put into the problem's buffers and the outcome.
@@ -63,6 +64,7 @@ def follow(
         before: Inputs where the way begins, shape (instance_count, input_count); without them it is the loads that are raised.
         slack: Which are at the end of the way, but in a valley and not at rest, shape (instance_count,).
         thorough: As ``Walk`` has it.
+        times: By so many times as many steps of the integrator as usual, where these are equal.
 
     Returns:
         By instance, those that rounding keeps from going on.
@@ -81,7 +83,7 @@ def follow(
     segmented = bool(chosen.any()) and problem.segments is not None
     singular = SINGULAR * problem.natural_singular_value if segmented else np.full(problem.instance_count, np.inf)
 
-    def walked(own: IntArray, left: NDArray[np.integer[Any]], times: int = 1) -> list[Journey]:
+    def walked(own: IntArray, left: NDArray[np.integer[Any]], times: int) -> list[Journey]:
         # where branches end, the error of the integration moves what it finds the most
         part, steps = parts.followed(own, times), times * parts.steps_followed(own)
         start = None if before is None else before[own]
@@ -118,8 +120,9 @@ def follow(
         together.run([journey.run() for journey in journeys])
         return journeys
 
-    for places in (some for kind in parts.kinds(np.flatnonzero(chosen)) for some in _split(kind)):
-        journeys = walked(places, allowed[places])
+    kinds = parts.kinds(np.flatnonzero(chosen))
+    for places in (some for kind in kinds for some in np.split(kind, range(TOGETHER, len(kind), TOGETHER)) if len(some)):
+        journeys = walked(places, allowed[places], times)
         # the error of the integration may be steeper than the floor of a valley
         again = [k for k, own in enumerate(journeys) if own.valley and own.end is None and own.steps]
         if again:
@@ -132,11 +135,6 @@ def follow(
         _report(places, journeys, outcome)
         lost |= {int(place): journey for place, journey in zip(places, journeys, strict=True) if journey.lost is not None}
     return lost
-
-
-def _split(places: IntArray) -> list[IntArray]:
-    """Instances in so many parts that no more than ``TOGETHER`` are on their way at once."""
-    return [some for some in np.split(places, range(TOGETHER, len(places), TOGETHER)) if len(some)]
 
 
 class _Together:

@@ -36,6 +36,7 @@ def go_on(
     left: IntArray | None = None,
     slack: BoolArray | None = None,
     thorough: bool = False,
+    times: int = 1,
 ) -> None:
     """Let the instances ``lost`` go on from where their branches ended; what is not followed stays as it is.
 
@@ -51,6 +52,7 @@ def go_on(
         left: Integrations that each may take, shape (instance_count,); by default what ``options`` leave.
         slack: Which are at the end of the way, but in a valley and not at rest, shape (instance_count,); none by default.
         thorough: Whether more is tried where nothing is come to, as nothing else is likely to lead on.
+        times: By how many times as many steps of the integrator as usual.
     """
     if options.at_fold == "stop" or not lost.any():
         return
@@ -68,6 +70,7 @@ def go_on(
         before=before,
         slack=slack,
         thorough=thorough,
+        times=times,
     )
     if options.fallback and before is None:
         ends = {k: (own.lost.unknowns, own.lost.level, own.steps) for k, own in noisy.items() if own.lost is not None}

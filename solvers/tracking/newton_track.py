@@ -10,12 +10,13 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track, knows
 from multirod.solvers.continuation.paths import TURN, Paths
 from multirod.solvers.following.descent import SOFT
-from multirod.solvers.following.follow import ENDED
+from multirod.solvers.following.follow import ENDED, FINER
 from multirod.solvers.following.onward import go_on
 from multirod.solvers.newton.iteration import UNLIMITED
 from multirod.solvers.newton.newton_kernels import FORGOTTEN, Sample
 from multirod.solvers.starting.cold_start import ColdStart
 from multirod.solvers.starting.letting_out import let_out, loosened
+from multirod.solvers.tracking.bends import SAME, bent, ended
 from multirod.solvers.tracking.kinks import passed_kinks
 from multirod.stability import modes_of
 from multirod.status import BoolArray, Status, failures
@@ -24,7 +25,6 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.solvers.shooting import Shooting
 
-SAME = 1e-6  # unknowns that are, beside 1/m and themselves
 FRESH = 1e-3  # of the way between two samples, that the first step from where a motion has just come to is
 JUST_THERE = 1 - 1e-9  # of the way between two samples: its end, taken for where a branch ended
 DIP = 0.1  # of the load, that is taken off on the way past a kink
@@ -212,6 +212,7 @@ class NewtonTrack(Track):
 
     def _continue(self, doubtful: BoolArray, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
+        calm, ahead = doubtful & (outcome.status == _CONVERGED), self.problem.read("unknowns")
         self.newton.allow(outcome.left_of(self.options.max_integrations))
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
         safe = np.where(self.fresh, FRESH, 1.0)
@@ -219,6 +220,7 @@ class NewtonTrack(Track):
         again = paths.change_inputs(doubtful, before, *last, safe_step=safe)
         self._take_in(doubtful, again, outcome)
         reached, ends = again.reached, self.problem.read("unknowns")
+        short = bent(paths, again, calm, ahead, ends)
         stuck = doubtful & failures(again.status)
         if len(self.problem.kinks) and stuck.any() and (stuck := stuck & paths.at_kink()).any():
             # Gamma jumps there however short the steps are
@@ -228,12 +230,25 @@ class NewtonTrack(Track):
                 self._let_out(stuck, outcome, paths, before, last[0])
         # where many modes are soft, steps may become small just before one vanishes
         stalled = doubtful & (outcome.status == Status.STALLED)
-        ended = stalled | (doubtful & np.isin(outcome.status, ENDED))
-        if ended.any():
+        over = stalled | (doubtful & np.isin(outcome.status, ENDED))
+        if over.any():
             assert reached is not None  # by every path
-            go_on(self.options, self.problem, self.newton, outcome, ended, reached, ends, before=before)
+            go_on(self.options, self.problem, self.newton, outcome, over, reached, ends, before=before)
             outcome.status[stalled & (outcome.status == Status.BRANCH_END)] = Status.STALLED
-            self.edge |= ended & (outcome.status == _CONVERGED)
+            self.edge |= over & (outcome.status == _CONVERGED)
+        if short.any():
+            self._straighten(short, outcome, before, last[0], safe)
+
+    def _straighten(self, short: BoolArray, outcome: Outcome, before: FloatArray, last: FloatArray, safe: FloatArray) -> None:
+        """Let those that went round a bend in ``short`` steps leave where a branch ends there by finer equations."""
+        self.newton.allow(outcome.left_of(self.options.max_integrations))
+        most = self.options.max_continuation_steps
+        lost, reached, ends = ended(self.problem, self.newton, outcome, short, before, last, safe, most)
+        if lost.any():
+            outcome.status[lost] = Status.BRANCH_END
+            go_on(self.options, self.problem, self.newton, outcome, lost, reached, ends, before=before, times=FINER)
+            if self.options.at_fold != "stop":
+                outcome.status[lost & failures(outcome.status)] = _CONVERGED  # what was found stays
 
     def _leave_edge(self, chosen: BoolArray, outcome: Outcome, before: FloatArray) -> None:
         """Go on from where modes vanished at a sample before, once that has told: what is unstable now is left, what is stable
