@@ -130,9 +130,27 @@ def test_fits_that_are_refused(name, number):
 @pytest.mark.parametrize(("name", "said"), [("side by side", "rods side by side"), ("inverse", "the inverse problem")])
 def test_sensors_along_rods_that_are_refused(name, said):
     found = solved(name)
-    for sensor in (mr.Curvature(at=0.1, value=(1, 0), sigma=0.05), mr.Pose(position=(0, 0, 0.1), at=0.1, sigma=1e-3)):
+    own = {"at": 0.1, "rod": 0}
+    for sensor in (mr.Curvature(value=(1, 0), sigma=0.05, **own), mr.Pose(position=(0, 0, 0.1), sigma=1e-3, **own)):
         with pytest.raises(NotImplementedError, match=said):
             mr.estimate(found.robot, found.inputs, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=sensor)
+
+
+def test_sensors_along_one_of_several_rods_say_which():
+    """They were of the first. Tubes in each other are bent alike: the first is meant."""
+    found, told = solved("legs"), {"sigma": 1e-3, "at": 0.1}
+    sensors = [mr.Curvature(value=(1, 0), **told), mr.Pose(position=(0, 0, 0.1), **told)]
+    for sensor in (*sensors, mr.ForceTorque(force=(0, 0, 1), **told)):
+        name = type(sensor).__name__
+        with pytest.raises(ValueError, match=rf"{name}\.rod is not given: of \d+ rods that stand apart it must be an index"):
+            mr.estimate(found.robot, found.inputs, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=sensor)
+    tubes = mr.ConcentricTubes([mr.Rod(length=own, bending_stiffness=0.01, torsional_stiffness=0.008) for own in (0.3, 0.2)])
+    one, other = (
+        mr.estimate(tubes, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=mr.Curvature(value=(1, 0), **told, **rod))
+        for rod in ({}, {"rod": 0})
+    )
+    np.testing.assert_array_equal(one.value("tip_force"), other.value("tip_force"))
+    assert one.value("tip_force").any()
 
 
 def test_derivatives_along_rods_side_by_side_are_refused():

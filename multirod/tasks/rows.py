@@ -57,7 +57,8 @@ class Pose(Framed):
             of ``C``.
         at: Arclength of a marker along a rod [m], as ``solution.rod(k).arclength``: from the base, of tubes from the plate. Of a
             measurement; the end effector by default.
-        rod: Index or name of that rod. Its rotation is that of its own frame.
+        rod: Index or name of that rod; not needed where a robot is one, or tubes in each other, whose first it is. Its rotation
+            is that of its own frame.
 
     Raises:
         ValueError: If a rotation is none, an axis or ``across`` is zero, ``sigma`` is not > 0 or ``covariance`` not symmetric and
@@ -78,7 +79,7 @@ class Pose(Framed):
         across: Numbers | None = None,
         covariance: Numbers | None = None,
         at: float | None = None,
-        rod: int | str = 0,
+        rod: int | str | None = None,
     ) -> None:
         if rotation is not None and axis is not None:
             refuse("Pose.axis", axis, "must not be given beside rotation, of which it is a part")
@@ -100,7 +101,7 @@ class Pose(Framed):
         self._kind, self._given = _kind(self), _given(self)
         self.whitening = whitening(self._kind, sigma, covariance)
         self.at, self.rod = None if at is None else nonnegative_float("Pose.at", at), rod
-        if at is None and not (isinstance(rod, int) and rod == 0):
+        if at is None and not (rod is None or isinstance(rod, int) and rod == 0):
             refuse("Pose.rod", rod, "must not be given without at, where along that rod it is: else it is of the end effector")
         try:
             self.batch_shape: tuple[int, ...] = broadcast_shapes(*(value.shape[:-tail] for value, tail in self._parts()))
@@ -174,7 +175,7 @@ class Pose(Framed):
 
     def __repr__(self) -> str:
         names = [*self.given, *["sigma"] * self.measures]
-        where = [] if self.at is None else [f"at {self.at:g} m of rod {self.rod!r}"]
+        where = [] if self.at is None else [f"at {self.at:g} m" + ("" if self.rod is None else f" of rod {self.rod!r}")]
         return f"Pose({', '.join(names + where)}; {self.count} rows, batch {self.batch_shape})"
 
 

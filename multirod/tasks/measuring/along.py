@@ -21,11 +21,11 @@ class Sensed(Protocol):
     """A sensor.
 
     Attributes:
-        rod: Index or name of its rod.
+        rod: Index or name of its rod; None of one that does not say.
         quantity: What of the rod it sees, as ``Sensing`` has it.
     """
 
-    rod: int | str
+    rod: int | str | None
     quantity: ClassVar[str]
 
     @property
@@ -136,13 +136,25 @@ class Places:
         return rod, int(own.start)
 
 
-def rod_index(field: str, robot: Assembly, rod: int | str) -> int:
-    """Number of a rod, from the first."""
+def rod_index(field: str, robot: Assembly, rod: int | str | None) -> int:
+    """Number of a rod, from the first, which it is where a robot has one backbone and none is named."""
     names = [own.name for own in robot.rods]
+    if rod is None:
+        if (apart := _backbone_count(robot)) > 1:
+            raise ValueError(f"{field} is not given: of {apart} rods that stand apart it {known_as(names)}")
+        return 0
     index = index_of(field, rod, names)
     if index is None or index < 0:
         refuse(field, rod, known_as(names))
     return index
+
+
+def _backbone_count(robot: Assembly) -> int:
+    """How many rods stand apart; one where the robot does not say."""
+    try:
+        return len(robot.backbones)
+    except NotImplementedError:
+        return 1
 
 
 def _followed(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:

@@ -19,7 +19,7 @@ class Curvature:
             that is pushed back, from the plate.
         value: ``u_x, u_y``, or these and ``u_z`` [1/m], shape (..., count, 2 or 3), without ``count`` at one place.
         sigma: Standard deviation [1/m]: one number, or of each component.
-        rod: Index or name of the rod.
+        rod: Index or name of the rod; not needed where a robot is one rod, or tubes in each other, whose first it is.
 
     Raises:
         ValueError: If places do not rise, values are not as many, or ``sigma`` is not > 0.
@@ -30,7 +30,7 @@ class Curvature:
     says: ClassVar = "value"
 
     @names_checked
-    def __init__(self, *, at: Numbers, value: Numbers, sigma: Numbers, rod: int | str = 0) -> None:
+    def __init__(self, *, at: Numbers, value: Numbers, sigma: Numbers, rod: int | str | None = None) -> None:
         self.at = np.atleast_1d(array("Curvature.at", at))
         if self.at.ndim != 1 or not self.at.size or (np.diff(self.at) <= 0).any() or self.at[0] < 0:
             refuse("Curvature.at", at, "must be one arclength >= 0 or several, rising")

@@ -26,7 +26,7 @@ class ForceTorque:
         moment: About the place [N m], shape (..., 3), or None of a sensor of forces alone.
         sigma: Standard deviations: of the force [N] and of the moment [N m], a pair, or one of these where only one is given.
             Each is one number, or three along the axes of the world.
-        rod: Index or name of the rod.
+        rod: Index or name of the rod; not needed where a robot is one rod, or tubes in each other, whose first it is.
         at: Arclength along it [m], as ``solution.rod(k).arclength``; at the base by default.
 
     Raises:
@@ -42,7 +42,7 @@ class ForceTorque:
         force: Numbers | None = None,
         moment: Numbers | None = None,
         sigma: Numbers,
-        rod: int | str = 0,
+        rod: int | str | None = None,
         at: float = 0.0,
     ) -> None:
         if force is None and moment is None:
@@ -85,4 +85,5 @@ class ForceTorque:
             refuse(field, Described(f"leading axes {[value.shape[:-1] for value in parts.values()]}"), "must broadcast")
 
     def __repr__(self) -> str:
-        return f"ForceTorque({self.says} at {self.at[0]:g} m of rod {self.rod!r}; batch {self.batch_shape})"
+        rod = "" if self.rod is None else f" of rod {self.rod!r}"
+        return f"ForceTorque({self.says} at {self.at[0]:g} m{rod}; batch {self.batch_shape})"
