@@ -14,7 +14,7 @@ from multirod.integrators import RK45, Integrator
 from multirod.problem import BoundaryProblem
 from multirod.results.events import Events, placed_events, taken_events
 from multirod.segments import Breakpoints, placed, taken
-from multirod.status import BoolArray, Status, failures, settled
+from multirod.status import CONVERGED, BoolArray, Status, failures, settled
 from multirod.validation import FloatArray, positive_float, refuse
 from multirod.warning import warn
 
@@ -85,6 +85,11 @@ class Outcome:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The fields that have one entry an instance, by name; without those that are None."""
         return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+
+    @property
+    def all_converged(self) -> bool:
+        """Whether all instances did, as they mostly do."""
+        return bool((self.status == CONVERGED).all())
 
     def left_of(self, integrations: int) -> IntArray:
         """What each instance may still take of so many integrations, shape (instance_count,)."""

@@ -97,6 +97,8 @@ _WITH_RESULT = frozenset(
     }
 )
 
+# NumPy compares with a number at once, and takes its time with a member of ``Status``
+NOT_RUN, CONVERGED = int(Status.NOT_RUN), int(Status.CONVERGED)
 _EVENTS = frozenset({Status.LOWEST_ENERGY, Status.BIFURCATED, Status.SNAPPED, Status.DAMPED})
 
 

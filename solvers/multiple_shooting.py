@@ -11,8 +11,7 @@ from multirod.naming import OPTIONS_NAMED, fields_hinted
 from multirod.problem import BoundaryProblem
 from multirod.segments import Segments, placed
 from multirod.solver import Outcome, Solver, Track, knows
-from multirod.solvers.continuation.pace import ROUNDED_OFF
-from multirod.solvers.continuation.paths import RUNAWAY
+from multirod.solvers.continuation.pace import ROUNDED_OFF, RUNAWAY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.segments.band import Systems
 from multirod.solvers.segments.equilibria import Place

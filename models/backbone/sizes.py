@@ -80,10 +80,8 @@ class Sizes:
 
     def load(self, inputs: FloatArray) -> FloatArray:
         """How much the loads of ``inputs`` (instance_count, input_count) can bend the rods, ``F L^2/EI``; (instance_count,)."""
-        table = self.problem.arrays
-        stiffness = table.material[:, 0, :, :3].min(axis=(1, 2))
-        length = table.end[:, 0, -1] + inputs[:, self.problem.input_slice("translation")][:, 0]
-        weight = table.material[:, 0, :, DENSITY].max(axis=1)
+        table, (stiffness, weight) = self.problem.arrays, self._first_rod
+        length = table.end[:, 0, -1] + inputs[:, self.problem.input_slice("translation").start]
         total = np.zeros(self.problem.instance_count)
         by_configuration = {load.input for load in self.problem.features.loads}
         for spec in self.acting(inputs):
@@ -105,6 +103,12 @@ class Sizes:
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
 
+    @cached_property
+    def _first_rod(self) -> tuple[FloatArray, FloatArray]:
+        """Least stiffness [N m^2] and largest linear density [kg/m] of the first rod."""
+        material = self.problem.arrays.material[:, 0]
+        return material[:, :, :3].min(axis=(1, 2)), material[:, :, DENSITY].max(axis=1)
+
     def waves(self) -> FloatArray:
         """Radians along the rods of waves in a medium, ``L (k/EI)^1/4``, at most, shape (instance_count,)."""
         springs = sum((load.spring_bound(self) for load in self.problem.features.loads), np.zeros(self.problem.instance_count))
@@ -117,6 +121,9 @@ class Sizes:
 
     def acting(self, inputs: FloatArray) -> list[InputSpec]:
         """The loads that are not zero in all instances of ``inputs`` (instance_count, input_count)."""
+        return self.problem.found_for("acting", inputs, lambda: self._acting(inputs))
+
+    def _acting(self, inputs: FloatArray) -> list[InputSpec]:
         acting: list[bool] = np.any(inputs, axis=0).tolist()
         return [spec for spec, own in self.loads if any(acting[own])]
 

@@ -105,6 +105,8 @@ def _of_load(name: str, moment: bool, most: float, power: int, robot: "Assembly"
     if any(rod.members for rod in robot.rods):  # which may be what carries it
         return
     length, EI = robot.longest, robot.stiffest
+    if most * length**power <= (2 * math.pi * WINDING if moment else LOAD) * EI:  # whatever else carries it
+        return
     medium = max(float(np.max(section.foundation)) for rod in robot.rods for section in rod.sections)  # which carries loads too
     with np.errstate(over="ignore"):
         size = most * np.float64(length) ** power / (EI + medium * length**4)

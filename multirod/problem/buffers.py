@@ -301,6 +301,12 @@ class Buffers(Uncopied):
         kept[instances] = values
         self.write(name, kept)
 
+    @cached_property
+    def fields_found(self) -> tuple[dict[str, slice], int]:
+        """Fields of the records but for the inputs, which come last and are known; and where they end."""
+        fields = {name: field for name, field in self.record_fields.items() if name != "inputs"}
+        return fields, max(field.stop for field in fields.values())
+
     def snapshot(self) -> FloatArray:
         """A copy of the records, shape (instance_count, record size)."""
         return self._host.copy() if self._host is not None else np.array(self.records.numpy())

@@ -88,7 +88,7 @@ def _stand_in(
         device=device,
         instances=instances,
     )
-    fields = {name: field for name, field in problem.record_fields.items() if name != "inputs"}
+    fields, width = problem.fields_found
     count = problem.instance_count
     shape = () if instances is None else instances.shape
     scene = Scene(robot, shape, solver.integrator, device, fields)
@@ -96,7 +96,7 @@ def _stand_in(
     def make() -> Solution:
         outcome = Outcome.zeros(count)
         outcome.status[:] = Status.CONVERGED
-        records = np.zeros((count, max(field.stop for field in fields.values())))
+        records = np.zeros((count, width))
         return Solution(scene, records, outcome, inputs, instances)
 
     return make, problem.result_test is not None

@@ -17,14 +17,13 @@ from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.naming import hinted, names_checked
 from multirod.problem import BoundaryProblem
-from multirod.results.events import Events, placed_events
 from multirod.results.history import History
 from multirod.results.scene import Scene, stand_in
 from multirod.results.solution import Solution
 from multirod.reuse import borrowed
+from multirod.running.gathered import Results
 from multirod.running.progress import Watch
-from multirod.segments import Breakpoints, placed
-from multirod.solver import Left, Outcome, Solver, Tested
+from multirod.solver import Left, Solver, Tested
 from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified
 from multirod.types import Numbers
@@ -114,7 +113,7 @@ def solve(
     count = prod(batch_shape)
     workers = thread_count(threads)
     pieces = parts(count, workers, robot.rod_count, device) if count else []
-    results, lock = _Results(1, count), Lock()
+    results, lock = Results(1, count), Lock()
     lefts: list[Left] = []
     if not count:
         results.put_none(stand_in(robot, inputs, device=device, **_needs(method)))
@@ -201,7 +200,7 @@ def simulate(
     count = prod(batch_shape)
     workers = thread_count(threads)
     pieces = parts(count, workers, robot.rod_count, device) if count else []
-    results, lock = _Results(samples, count), Lock()
+    results, lock = Results(samples, count), Lock()
     step_time = np.zeros((len(pieces), samples))
     if count * samples:
         first = inputs[0] if inputs.batch_shape else inputs
@@ -271,49 +270,6 @@ class Runner:
         unknowns = unknowns_of_guess(guess, self.problem, count, piece)
         if unknowns is not None:
             self.track.start(unknowns)
-
-
-class _Results:
-    """Records and outcomes of all samples and instances, filled in part by part; nothing is kept twice."""
-
-    def __init__(self, samples: int, count: int) -> None:
-        self._shape = (samples, count)
-        self._lock = Lock()
-        self._outcome: dict[str, Any] = {}
-        self._breakpoints: dict[int, Breakpoints] = {}
-        self._events: Events = {}
-        self.fields: dict[str, slice] = {}
-        self.records: FloatArray = np.zeros(0)
-
-    def put_none(self, problem: BoundaryProblem) -> None:
-        """Take the shapes of a problem, where there is nothing to be solved."""
-        outcome = Outcome.zeros(0)
-        self.fields = {name: field for name, field in problem.record_fields.items() if name != "inputs"}
-        self.records = np.empty((*self._shape, max(field.stop for field in self.fields.values())))
-        self._outcome = {name: value.reshape(self._shape) for name, value in outcome.arrays.items()}
-
-    def put(self, sample: int, piece: IntArray, records: FloatArray, outcome: Outcome, problem: BoundaryProblem) -> None:
-        """Take in what some of the instances, (k,), came to; on any thread."""
-        values = outcome.arrays
-        numbers = sample * self._shape[1] + piece
-        with self._lock:
-            self._breakpoints |= placed(outcome.breakpoints, numbers)
-            self._events |= placed_events(outcome.events, numbers)
-            if not self.fields:
-                # the inputs are known
-                self.fields = {name: field for name, field in problem.record_fields.items() if name != "inputs"}
-                self.records = np.empty((*self._shape, max(field.stop for field in self.fields.values())))
-                self._outcome = {name: np.empty((*self._shape, *v.shape[1:]), v.dtype) for name, v in values.items()}
-            for name in self._outcome.keys() - values.keys():
-                del self._outcome[name]  # not all parts have it
-        self.records[sample, piece] = records[:, : self.records.shape[-1]]
-        for name in self._outcome.keys() & values.keys():
-            self._outcome[name][sample, piece] = values[name]
-
-    def outcome(self) -> Outcome:
-        """The outcomes of all samples, one after another."""
-        arrays = {name: value.reshape(-1, *value.shape[2:]) for name, value in self._outcome.items()}
-        return Outcome(**arrays, breakpoints=self._breakpoints, events=self._events)
 
 
 def _some(chosen: IntArray | None, piece: slice, count: int) -> IntArray | None:

@@ -11,7 +11,7 @@ from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import signs
 from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.newton.iteration import Newton
-from multirod.status import BoolArray, Status, failures
+from multirod.status import CONVERGED, BoolArray, Status, failures
 from multirod.validation import FloatArray
 
 TOGETHER = 4096  # instances whose columns at all nodes are held at once
@@ -21,7 +21,6 @@ AT_END = 1e-5  # of the way, that is left where ends of rods hardly give way
 NEARLY = 1e-4  # of the way, of which the rest may be in one
 BEGINNINGS = 2  # elsewhere, of what came nowhere
 AT_ONCE, HARDLY = 6, 1e-2  # integrations for that rest, and of the unknowns by which it may move
-CONVERGED = int(Status.CONVERGED)  # NumPy compares with a number at once, and takes its time with a member of ``Status``
 
 
 def natural_branch(
@@ -210,9 +209,10 @@ def _leave_unstable(
     """Follow those branches again that led to an unstable equilibrium."""
     stability = problem.stability
     assert stability is not None  # which says that a path may jump
-    gamma = _gamma(problem)
-    # with one unstable mode at most, the sign of det Gamma says whether there is one
-    sure = (bounds[:, 1] < 1) & (np.linalg.det(gamma) > 0)
+    sure = bounds[:, 1] < 1
+    if sure.any():
+        # with one unstable mode at most, the sign of det Gamma says whether there is one
+        sure &= np.linalg.det(_gamma(problem)) > 0
     places = np.flatnonzero(chosen & (outcome.status == CONVERGED) & ~sure & stability.has_potential)
     outcome.integrations[places] += 1
     places = places[_unstable(problem, places)]

@@ -17,6 +17,7 @@ MOST_STEPS = 32 * 65_536  # of the integrator for each rod, in all integrations 
 PACED, TIMES = 100, 2.0  # steps, by the pace of the last of which a way is given up that would take so many times what is left
 LONG = 1000  # steps of a way, of which that is asked: shorter ones are soon over
 UNASKED = LONG - 1  # steps of the longest way of which it is not
+RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
 ROUNDED_OFF = 1e4  # times the tolerance, that no iteration from the base comes below but by chance
 
 
@@ -78,3 +79,8 @@ def creeping(
         full = size * growth ** (1 / np.sqrt(level) - 1)
         rounding = np.finfo(float).eps * full * np.abs(unknowns).max(axis=1)
     return np.asarray((level > 0) & (steps > CREEPING) & (rounding > ROUNDED_OFF * tolerance))
+
+
+def runaway(problem: BoundaryProblem, unknowns: FloatArray) -> BoolArray:
+    """Where ``unknowns`` (k, n) with kinks say that lines cannot all be as short as they are to be, shape (k,)."""
+    return np.asarray(np.abs(unknowns[:, problem.kinks]).max(axis=1) > RUNAWAY * problem.curvature_scale())

@@ -16,17 +16,16 @@ from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import MIN_STEP, RATIO_TESTS
 from multirod.solvers.continuation.continuation_kernels import FALL, LOOKING, PathState, make_path
-from multirod.solvers.continuation.pace import ROUNDS, Pace, creeping
+from multirod.solvers.continuation.pace import ROUNDS, Pace, creeping, runaway
 from multirod.solvers.newton.iteration import Newton, narrowing
 from multirod.solvers.newton.rounds import Rounds
-from multirod.status import BoolArray, IntArray, Status, failures
+from multirod.status import CONVERGED, NOT_RUN, BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
 
 SAFE_LOAD = 5.0  # in F L^2/EI: no equilibrium loses and regains stability within such a step (Euler: 2.5 and 22)
 SINGULAR = 0.05  # largest singular value, in units of what is natural, that vanishes where a branch ends; within 1e-7 of there
 TURN = 2.5  # by which rods may be turned against each other in a step [rad]: half a turn later they pull the other way
 GROWTH = 0.5  # of the load reached, that the next step may be if that is more
-RUNAWAY = 1e3  # times the curvature scale: where tensions grow without bound
 AT_KINK = 1e-3  # of the curvature scale, that an unknown may be from a kink where a path ended: steps are 1e-7 there
 
 COUNTS = (
@@ -171,6 +170,8 @@ class Paths:
         with self._newton.no_looser() as loose:
             outcome = go(chosen)
             self._go_again(go, outcome, self._get("misled") != 0)
+        if outcome.all_converged:
+            return outcome
         stalled = chosen & loose & (outcome.status == int(Status.STALLED))
         if self.handed is not None:
             self.handed &= ~stalled
@@ -244,7 +245,7 @@ class Paths:
         """Put the chosen instances at the start of their paths, of which ``known`` equilibria are known, and leave the others."""
         state = self.state
         self._set("active", chosen)
-        self._set("status", np.where(chosen, Status.NOT_RUN, Status.CONVERGED))
+        self._set("status", np.where(chosen, NOT_RUN, CONVERGED))
         for name in ("iterations", "integrations", "steps", "halved", "surprised", "rough", "probed", "levels"):
             self._set(name, 0)
         self._set("known", known)
@@ -264,12 +265,13 @@ class Paths:
             with narrowing(problem) as narrow:
                 self._launch_all(integrated, narrow)
         counts: dict[str, Any] = {name: self._get(name) for name in ("status", "iterations", "integrations")}
-        self._doubt_ends(counts["status"], counts["integrations"])
-        if len(problem.kinks) and (failed := failures(counts["status"])).any():
-            # lines that cannot all be as short as they are to be
-            last = np.abs(state.points.numpy()[:, 0, problem.kinks]).max(axis=1)
-            counts["status"][failed & (last > RUNAWAY * problem.curvature_scale())] = Status.LINES_TOO_SHORT
-        return Outcome(**counts, reached=self._get("levels")[:, 0].copy())
+        outcome = Outcome(**counts, reached=self._get("levels")[:, 0].copy())
+        if outcome.all_converged:
+            return outcome
+        self._doubt_ends(outcome.status, outcome.integrations)
+        if len(problem.kinks):
+            outcome.status[failures(outcome.status) & runaway(problem, state.points.numpy()[:, 0])] = Status.LINES_TOO_SHORT
+        return outcome
 
     def _launch_all(self, integrated: bool, narrow: Callable[[int], None]) -> None:
         """Integrations and launches until no instance is on its way; ``narrow`` is told how many are."""

@@ -17,10 +17,9 @@ from multirod.solvers.newton.bordered_kernels import front_width
 from multirod.solvers.newton.eliminated import Eliminated
 from multirod.solvers.newton.newton_kernels import CHANGE_POWERS, LARGE_CHANGE, PROBES, NewtonState, Sample, make_newton
 from multirod.solvers.newton.rounds import Rounds
-from multirod.status import BoolArray, IntArray, Status
+from multirod.status import CONVERGED, BoolArray, IntArray
 from multirod.validation import FloatArray
 
-_CONVERGED = int(Status.CONVERGED)
 COUNTERS = ("status", "iterations", "integrations")
 MEASURES = ("merit", "contraction", "change")
 _UNBEGUN = np.array([[-1.0], [0.0], [0.0]])  # measures where an iteration has not begun
@@ -104,6 +103,7 @@ class Newton:
         self._reference = state.reference.numpy().reshape(count, -1) if on_cpu else None
         self._has_reference = state.has_reference.numpy() if on_cpu else None
         self._allowed = state.allowed.numpy() if on_cpu else None
+        self._tolerance = state.tolerance.numpy() if on_cpu else None
         self.paths: Any = None  # of ``continuation.natural``, kept for the next
 
     def renew(self) -> None:
@@ -202,7 +202,7 @@ class Newton:
 
     def allowed(self) -> IntArray:
         """Integrations that a run or path may take, shape (instance_count,)."""
-        return np.array(self.state.allowed.numpy())
+        return np.array(self.state.allowed.numpy() if self._allowed is None else self._allowed)
 
     @contextmanager
     def within(self, integrations: IntArray | int) -> Iterator[None]:
@@ -216,7 +216,7 @@ class Newton:
 
     def tolerance(self) -> FloatArray:
         """Largest residual of each instance [1/m], shape (instance_count,)."""
-        return np.array(self.state.tolerance.numpy())
+        return np.array(self.state.tolerance.numpy() if self._tolerance is None else self._tolerance)
 
     @contextmanager
     def no_looser(self) -> Iterator[BoolArray]:
@@ -253,7 +253,7 @@ class Newton:
         if self._counts is None or self._doubts is None:
             return True
         change, contraction = self._doubts
-        return bool((self._counts[0] != _CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > self.slow)
+        return bool((self._counts[0] != CONVERGED).any() or change.max() > LARGE_CHANGE or contraction.max() > self.slow)
 
     def slowed(self) -> BoolArray:
         """Whether an instance of the last run contracted too slowly to be sure of its branch; bool, shape (instance_count,)."""

@@ -108,18 +108,24 @@ class ColdStart:
             newton.allow(self.options.max_integrations)
             handed = self.handed if self.options.fallback else None
             self.outcome = outcome = natural_branch(problem, newton, self.options.max_continuation_steps, self.chosen, handed)
-            reached, self.ends = outcome.reached, problem.read("unknowns")
-            if self.options.fallback and reached is not None:
-                self.handed |= self.chosen & (outcome.status == int(Status.MAX_ITERATIONS)) & (reached > 0)
-            for status in (Status.UNDETERMINED, Status.LOOSE):  # from wherever
-                known = outcome.status == int(status)
-                self.chosen = self.chosen & ~known
-                self.tried[known] = status
+            self.ends = problem.read("unknowns")
+            if not outcome.all_converged:
+                self._note_ends(outcome)
             newton.allow(self._allowed)
             refine(problem, newton, outcome, self.chosen)
             self.slack = let_go(problem, newton, outcome, self.chosen)
-            self._let_out()
+            if not outcome.all_converged:
+                self._let_out()
             refuse_unstable(problem, outcome, self.chosen)
+
+    def _note_ends(self, outcome: Outcome) -> None:
+        """Which crept, and which are not to be tried by other ways, as the natural branch says."""
+        if self.options.fallback and outcome.reached is not None:
+            self.handed |= self.chosen & (outcome.status == int(Status.MAX_ITERATIONS)) & (outcome.reached > 0)
+        for status in (Status.UNDETERMINED, Status.LOOSE):  # from wherever
+            known = outcome.status == int(status)
+            self.chosen = self.chosen & ~known
+            self.tried[known] = status
 
     def go_on(self) -> Outcome:
         """From where the natural branch ended before the full load, by each way that is open to what has no result yet."""

@@ -373,9 +373,10 @@ class BackboneStability(StabilityAnalysis):
         if not may_be_bounded(self.problem):
             return super().mode_bounds()
         own: ModeBounds = self.problem.tool("mode bounds", lambda: ModeBounds(self.problem))
-        bounds = own.under(self._dead_load())
-        bounds[:, 0] += np.where(self.has_potential, 0.0, 0.5 * self.problem.load_scale())
-        bounds[~self.has_potential, 1] = np.inf
+        bounds, potential = own.under(self._dead_load()), self.has_potential
+        if not potential.all():
+            bounds[:, 0] += np.where(potential, 0.0, 0.5 * self.problem.load_scale())
+            bounds[~potential, 1] = np.inf
         if self.problem.features.anisotropic or self.problem.features.loads:
             # they resist being turned against their neighbours even where all are straight, or forces follow from where they are
             bounds = np.maximum(bounds, (1.0, np.inf))
@@ -384,16 +385,16 @@ class BackboneStability(StabilityAnalysis):
     def _dead_load(self) -> FloatArray:
         """Bound of the dead forces' part of the internal force [N], shape (instance_count,)."""
         inputs = self.problem.read("inputs")
-        length = self.problem.sizes.ends().max(axis=1)
-        total = np.zeros(len(inputs))
+        length, total = self.problem.sizes.furthest_end, np.zeros(len(inputs))
         for spec in self.problem.sizes.acting(inputs):
             if spec.load != "force" or spec.follows:
                 continue
             size = np.linalg.norm(inputs[:, self.problem.input_slice(spec.name)], axis=1)
             if spec.name == "gravity":
                 size = size * self.problem.each(self.problem.arrays.material[..., DENSITY].max(axis=2).sum(axis=1))
-            total += size * length if spec.acts == "along" else size
+            total += size * length() if spec.acts == "along" else size
         if self.problem.features.profile_degree >= 0:
-            profile = self.problem.table.profile.numpy()
-            total = total + np.abs(profile.reshape(len(profile), 6, -1)).sum(-1).max(0)[:3].sum() * length * np.abs(inputs[:, -1])
+            profile = np.abs(self.problem.table.profile.numpy())
+            most = profile.reshape(len(profile), 6, -1).sum(-1).max(0)[:3].sum()
+            total = total + most * length() * np.abs(inputs[:, -1])
         return np.asarray(total)
