@@ -71,13 +71,16 @@ class SureStability:
         """Whether all loads on all instances have a potential: of what ``may_be_sure`` lets through only those of the tip may
         have none."""
         inputs = self._problem.input_view()
-        return inputs is not None and not np.count_nonzero(inputs[:, self._without])
+        return inputs is not None and not (len(self._without) and np.count_nonzero(inputs[:, self._without]))
 
     @cached_property
     def _without(self) -> NDArray[np.intp]:
-        """Where loads without a potential stand in a row of inputs."""
-        every = np.arange(self._problem.input_count)
-        return np.concatenate([every[place] for spec, place in self._problem.sizes.loads if not spec.potential])
+        """Where loads without a potential stand in a row of inputs, of those that are compiled in: others are zero."""
+        problem = self._problem
+        every, loads = np.arange(problem.input_count), problem.sizes.loads
+        return np.concatenate(
+            [every[:0], *(every[own] for spec, own in loads if not spec.potential and problem.takes(spec.name))]
+        )
 
     @property
     def usual(self) -> float:  # noqa: D102

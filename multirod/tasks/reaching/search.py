@@ -361,10 +361,10 @@ class Search:
             self.status[rows[self.beyond(rows)]] = Status.OUT_OF_LIMITS  # of another start
         if not done:
             self.tell_errors(np.flatnonzero(UNREACHED[self.status]))
-        found, last, here = self._found(), self.last, self.here
-        x = problem.read("unknowns")
+        last, here, x = self.last, self.here, problem.read("unknowns")
         at, there = last.x.tobytes(), last.p.tobytes()  # bytes that are the same are compared at once
         if not (x.tobytes() == at == here.x.tobytes() and here.p.tobytes() == there):
+            found = self._found()
             stale = found & ((x != last.x) | (here.x != last.x)).any(axis=1) | (found & (here.p != last.p).any(axis=1))
             if stale.any():
                 self.here.put(stale, self.last)
@@ -372,6 +372,7 @@ class Search:
                 self.integrations[stale] += 1
         self.task.write(self.last.x, self.last.p)
         if problem.result_test is not None:
+            found = self._found()
             refusals = problem.result_test.refusals(found)
             refused = found & (refusals != Status.NOT_RUN)
             self.status[refused] = refusals[refused]
