@@ -829,6 +829,22 @@ def test_a_strip_on_a_hinge_may_be_rigid_in_torsion(inputs):
     np.testing.assert_allclose(found.rod(0).position, expected.rod(0).position, rtol=0, atol=1e-4 * LENGTH)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")
+@pytest.mark.parametrize("base", ["revolute", "spherical"])
+def test_what_is_rigid_in_torsion_is_as_stable_as_what_hardly_twists_also_where_its_base_turns(base):
+    """Its second variation was told with the base as its holder: `UNKNOWN`, `UNSTABLE` or `FOLD` of what is stable."""
+    told, found = [], None
+    for torsion in (1e8 * EI, np.inf):
+        rod = mr.Rod(length=LENGTH, bending_stiffness=(2 * EI, EI), torsional_stiffness=torsion)
+        axis = {"base_joint_axis": (0, 1, 0)} if base == "revolute" else {}
+        held = mr.HeldRod(rod, base_joint=base, **axis)
+        inputs = held.inputs(end_position=(0.1 * LENGTH, 0.03 * LENGTH, -0.06 * LENGTH), end_rotation=(0.2, 0.4, 0.3))
+        found = mr.solve(held, inputs, guess=found).raise_if_failed()
+        assert found.stability is mr.Stability.STABLE
+        told.append(found.stability_margin)
+    assert told[1] == pytest.approx(told[0], rel=1e-4)
+
+
 def test_a_strip_on_a_hinge_that_slides_may_be_rigid_in_torsion():
     """Where the end slides on a hinge, `Gamma` of one that is rigid in torsion is singular at rest."""
     rod = mr.Rod(length=0.5, bending_stiffness=(0.02, 0.04), torsional_stiffness=np.inf)

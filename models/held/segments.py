@@ -317,6 +317,8 @@ class HeldSegments(BackboneSegments):
         table = self.problem.buffers.twisting_table()
         if table is self.problem.table:  # whose base is turned in its joint
             table = self.table
+        else:
+            table.base_rotation = self.table.base_rotation
         found = self._launched(cuts, self.level(cuts.instances), table)
         chosen = cuts.instances
         transition, first = self._transitions(cuts, found), cuts.first

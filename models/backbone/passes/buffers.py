@@ -116,6 +116,8 @@ class Buffers:
         material[..., 5][rigid] = 1 / (RIGID * material[..., :2].max(axis=-1)[rigid])
         table: Struct = self.table()
         table.material = self.array(material)
+        own = self.problem.table
+        table.base_position, table.base_rotation = own.base_position, own.base_rotation  # which may turn in a joint
         return table
 
 
