@@ -1,4 +1,5 @@
-"""What is told of legs one by one is what is told of all together (``docs/branches.md``, (19), (20))."""
+"""What is told of legs one by one is what is told of all together (``docs/branches.md``, (19), (20)), and legs fall in few steps
+by (4) and (23)."""
 
 from dataclasses import replace
 from functools import partial
@@ -9,7 +10,7 @@ from random_legs import draw
 
 import multirod as mr
 from multirod.solvers.following.arrow import Arrow
-from multirod.solvers.following.descent import Slopes
+from multirod.solvers.following.descent import Slopes, downhill
 from multirod.solvers.following.follow import _Together
 from multirod.solvers.following.requests import Clamp, Judge
 
@@ -95,3 +96,33 @@ def test_what_does_not_ask_waits_where_it_began(monkeypatch):
     # where they are is what is kept in the end
     np.testing.assert_array_equal(part.read("unknowns"), [[300.0] * 3] * 2 + [asked[2].unknowns])
     np.testing.assert_array_equal(together.levels, [0.1, 0.9, 0.9])
+
+
+def test_dampers_keep_a_step_down_to_its_radius():
+    """(4) The mode that goes farthest is cut to it, the others damped by as much; Newton's step where it is shorter, along each
+    mode down; an unstable mode that nothing drives is nudged."""
+    along, values = np.array([[3.0, -1.0, 0.2, 0.5]] * 2), np.array([[-2.0, 1.0, 4.0, 70.0]] * 2)
+    short, whole = downhill(along, values, np.array([0.1, 9.0]))
+    np.testing.assert_allclose(short, [-0.1, 1 / 30, -0.2 / 30, -0.5 / 70], rtol=1e-12)
+    np.testing.assert_allclose(whole, -along[0] / np.abs(values[0]), rtol=1e-12)
+    np.testing.assert_allclose(downhill(0 * along[:1], values[:1], np.array([0.1])), [[1e-4, 0, 0, 0]], atol=1e-15)
+
+
+def test_platforms_that_fall_do_so_in_few_steps():
+    """Off six round legs, in a batch as alone: the fall is told by the energy, 700 times what a branch would go down."""
+    angles, leg = np.arange(6) * np.pi / 3, mr.Rod(length=0.4, bending_stiffness=0.02, torsional_stiffness=0.014)
+    base, platform = np.zeros((2, 6, 4, 4)) + np.eye(4)
+    for ends, radius, turned in ((base, 0.15, 0.2), (platform, 0.08, -0.2)):
+        ends[:, 0, 3] = radius * np.cos(angles + turned * (-1.0) ** np.arange(6))
+        ends[:, 1, 3] = radius * np.sin(angles + turned * (-1.0) ** np.arange(6))
+    robot = mr.ParallelRods(legs=[leg] * 6, base=base, platform=platform)
+    forces = np.array([[0, 0, -34.0], [0, 0, -10.0], [0, 0, -52.0]])
+    found = mr.solve(robot, robot.inputs(tip_force=forces))
+    assert [mr.Status(own).name for own in found.status] == ["SNAPPED", "CONVERGED", "SNAPPED"]
+    assert (found.integrations[[0, 2]] < 2000).all()
+    for k in (0, 2):
+        (event,) = found.events[k]
+        assert event.energy_lost == pytest.approx(12.3, rel=0.01)
+        alone = mr.solve(robot, robot.inputs(tip_force=forces[k]))
+        assert np.array_equal(alone.tip_position, found.tip_position[k])
+        assert alone.integrations == found.integrations[k]

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.solvers.following.arrow import Arrow, inverses
 from multirod.validation import FloatArray
 
 SOFT = 1e-6  # of K/L: a mode no stiffer than this is neutral
+NEARLY = 1e-4  # singular value of Gamma, below which a mode may be neutral
 RADIUS = 0.1  # largest turn in a mode by one step [rad]
 VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
 NUDGE = 1e-3  # of the radius, along a mode that is unstable where no step is longer
@@ -123,6 +125,11 @@ class Point(Row):
     settled: FloatArray | None
     size: float
     singular: FloatArray
+
+    @property
+    def nearly_neutral(self) -> int:
+        """How many modes may be neutral: what is not quite in balance shows one by as much."""
+        return int((self.singular[1:] < NEARLY).sum())
 
     @cached_property
     def slope(self) -> "Slope":
@@ -305,9 +312,10 @@ class Slope(Row):
         """As ``Slopes`` has them."""
         return self.among.clamps
 
-    def turn(self, radius: float) -> FloatArray:
-        """(4) Turn in each mode: down, by that of Newton's step where it is shorter than the radius [rad], shape (m,)."""
-        return np.asarray(downhill(self.along[None], self.values[None], np.array([radius]))[0])
+    def turn(self, radius: float, among: NDArray[np.bool_] | None = None) -> FloatArray:
+        """(4) Turn in each mode, or those ``among`` them, (m,), by no more than the radius [rad]."""
+        along, values = (own if among is None else own[among] for own in (self.along, self.values))
+        return np.asarray(downhill(along[None], values[None], np.array([radius]))[0])
 
     def step(self, radius: float) -> FloatArray:
         """(4) Change of the unknowns [1/m] that turns it so, shape (n,)."""
@@ -331,10 +339,13 @@ class Slope(Row):
 
 def downhill(along: FloatArray, values: FloatArray, radius: FloatArray) -> FloatArray:
     """(4) ``Slope.turn`` of many, (k, m): by the slope in each mode, its stiffness, both over ``K/L``, and radii (k,)."""
-    turn = np.minimum(np.abs(along) / np.maximum(np.abs(values), SOFT), radius[:, None])
-    balanced = (values[:, 0] < -SOFT) & (turn.max(axis=1) < NUDGE * radius)  # where nothing holds it
-    turn[balanced, 0] = NUDGE * radius[balanced]
-    return np.where(along > 0, -turn, turn)
+    slope, stiffness = np.abs(along), np.maximum(np.abs(values), SOFT)
+    cut = slope > radius[:, None] * stiffness
+    damped = np.where(cut, slope, 0.0).max(axis=1) / radius
+    turn = -along / np.maximum(stiffness, damped[:, None])
+    balanced = (values[:, 0] < -SOFT) & (np.abs(turn).max(axis=1) < NUDGE * radius)  # where nothing holds it
+    turn[balanced, 0] = (np.where(along[:, 0] > 0, -NUDGE, NUDGE) * radius)[balanced]
+    return np.asarray(turn)
 
 
 def norms(vectors: FloatArray) -> FloatArray:

@@ -29,6 +29,7 @@ from multirod.validation import FloatArray
 
 ENDED = (Status.BRANCH_END, Status.MAX_ITERATIONS)  # of a way: where a branch ends, or creeps
 TOGETHER = 4096  # instances on their way at once
+AT_ONCE = 32  # points with clamps whose numbers are kept as long as one of them is
 FINER = 16  # times as many equal steps: their error is a 65,536th
 
 
@@ -87,9 +88,8 @@ def follow(
         # where branches end, the error of the integration moves what it finds the most
         part, steps = parts.followed(own, times), times * parts.steps_followed(own)
         start = None if before is None else before[own]
-        none = np.ones(len(own))
-        safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300) if start is None else none
-        most = none if start is None else TURN / np.maximum(part.turning(start), 1e-300)
+        safe = SAFE_LOAD / np.maximum(part.load_scale(), 1e-300) if start is None else np.ones(len(own))
+        most = np.ones(len(own)) if start is None else TURN / np.maximum(part.turning(start), 1e-300)
         clampings = int(parts.may_be_clamped) if before is None else parts.clampings
         clamped = [partial(lambda way, some: parts.clamped(own[some], PIECES, times, way), k) for k in range(clampings)]
         together = _Together(part, start, clamped, (unknowns[own], reached[own]))
@@ -120,8 +120,7 @@ def follow(
         together.run([journey.run() for journey in journeys])
         return journeys
 
-    kinds = parts.kinds(np.flatnonzero(chosen))
-    for places in (some for kind in kinds for some in np.split(kind, range(TOGETHER, len(kind), TOGETHER)) if len(some)):
+    for places in (some for kind in parts.kinds(np.flatnonzero(chosen)) for some in _split(kind, TOGETHER)):
         journeys = walked(places, allowed[places], times)
         # the error of the integration may be steeper than the floor of a valley
         again = [k for k, own in enumerate(journeys) if own.valley and own.end is None and own.steps]
@@ -135,6 +134,11 @@ def follow(
         _report(places, journeys, outcome)
         lost |= {int(place): journey for place, journey in zip(places, journeys, strict=True) if journey.lost is not None}
     return lost
+
+
+def _split(places: IntArray, most: int) -> list[IntArray]:
+    """Instances in so many parts that none has more than so many."""
+    return [some for some in np.split(places, range(most, len(places), most)) if len(some)]
 
 
 class _Together:
@@ -289,15 +293,13 @@ class _Together:
             frames = np.concatenate([turns.clamps.frames(), part.read("rotation").reshape(-1, 1, 3, 3)], axis=1)
             costless = turns.clamps.costless() or ()
         residual[part.buffer("fault") != 0] = np.nan
-        own = np.array(list(asked))
-        self._steps[own] += np.maximum(self._each[own], part.buffer("step_count")[rows])
+        self._steps[places[rows]] += np.maximum(self._each[places[rows]], part.buffer("step_count")[rows])
         arrays = unit, turned, moved, part.read("position"), frames, turns.stiffness, *costless
         found: dict[int, Point | None] = {}
-        for row, k in zip(rows.tolist(), asked, strict=True):  # each alone: what is asked of one is found of no other
-            one = slice(row, row + 1)
-            first = unknowns[one], self.levels[k : k + 1].copy(), residual[one], gamma[one]
-            points = Points(*first, turns.forces, *(values[one] for values in arrays))
-            found[k] = replace(points, clamps=turns.held, arrow=turns.arrow)[0]
+        for some in _split(rows, AT_ONCE):
+            first = unknowns[some], self.levels[places[some]], residual[some], gamma[some]
+            points = replace(Points(*first, turns.forces, *(own[some] for own in arrays)), clamps=turns.held, arrow=turns.arrow)
+            found |= {k: points[i] for i, k in enumerate(places[some].tolist())}
         return found
 
     def _in_pieces(self, clamping: int, asked: list[int]) -> tuple[IntArray, ClampedTurns]:

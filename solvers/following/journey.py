@@ -29,6 +29,7 @@ SAME_SIZE = 0.5  # of how far it left, by which other equations may put it elsew
 LEAST_LEFT = 1e-5  # of the way: the end may be as near to the branch as its own critical point
 CLEAR = 3e-3  # of K/L: as unstable it is wanted where no moment drives it, before the end of the way
 NEAR = 5.0  # turn to a branch that leaves, over the root of how unstable the other is: 2.6 of a column [rad]
+DEEPER = 10.0  # than a branch goes down that leaves as a root, by as large a turn: what is elsewhere
 DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
 KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
 TOGETHER = 1e-2  # of the lowest: modes that close to it vanish with it
@@ -39,7 +40,6 @@ APART = 0.7  # ratio of distances at a quarter of the overshoot: above it anothe
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
 RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 MOST_EVENTS = 16
-NEARLY = 1e-4  # singular value of Gamma, below which a mode may be neutral
 LAST = 1e-3  # of the way, on which a neutral mode may be one that rounded kinks held until there
 
 
@@ -61,7 +61,7 @@ class Journey(Walk):
         if self.level == 1:
             yield from (self._let_go(point) if self.slack else self._fall(point))
             return
-        soft = _nearly_neutral(point)
+        soft = point.nearly_neutral
         found = yield from self._balanced(point, soft)
         neutral = 0 if found is None else (yield from self._by_symmetry(found, soft=soft > 0))
         # these equations are a little finer than those that its branch ended by
@@ -150,7 +150,7 @@ class Journey(Walk):
             self._lose(point)
             return
         there = yield from self._at(point.unknowns, 1.0)
-        neutral = _nearly_neutral(there)
+        neutral = there.nearly_neutral
         if not there.size <= self.tolerance:  # as inputs move it on what is left of the way, but along what vanishes
             there, _ = yield from self._correct(point.unknowns, 1.0, neutral)
         if there is not None and (yield from self._stands(there)):
@@ -291,7 +291,7 @@ class Journey(Walk):
                 return None
         if not (yield from self._rests(rest, neutral, landed)):
             return None
-        status = yield from self._kind(critical, beyond, landed, first)
+        status = yield from self._kind(critical, beyond, landed, rest, first)
         if status is None:
             return rest, None, neutral
         lost, displacement, aside = 0.0, landed.position - critical.position, np.zeros(3)
@@ -321,28 +321,33 @@ class Journey(Walk):
         """The energy lost [J] and how the tip moved [m]: from the critical point to where the branch that was come to is at the
         same load; where it does not lead back there, from beyond it."""
         found, _ = yield from self._correct(rest.unknowns, critical.level, neutral)
-        left = critical
-        if found is None or not alike(found.gamma, rest.gamma, neutral):
-            found, left = rest, beyond
-        before = yield from self._weigh(left.unknowns[: len(self.start)], left.level)
-        after = yield from self._weigh(found.unknowns, found.level)
-        return before - after, found.position - critical.position
+        same = found is not None and alike(found.gamma, rest.gamma, neutral)
+        found, left = (found, critical) if same else (rest, beyond)
+        return (yield from self._down(left, found)), found.position - critical.position
 
-    def _kind(self, critical: Point, beyond: Point, landed: Point, first: FloatArray) -> Run:
-        """(6) Whether a point that was come to is on a branch that leaves the critical point, or elsewhere; None where it is on
-        the same branch."""
+    def _down(self, left: Point, found: Point) -> Run:
+        """The energy lost between two points [J]."""
+        before = yield from self._weigh(left.unknowns[: len(self.start)], left.level)
+        return before - (yield from self._weigh(found.unknowns, found.level))
+
+    def _kind(self, critical: Point, beyond: Point, landed: Point, rest: Point, first: FloatArray) -> Run:
+        """(6), (23) Whether a point that was come to, ``rest`` without clamps, is on a branch that leaves the critical point, or
+        elsewhere; None where it is on the same branch."""
         turn = turn_between(critical.frames, landed.frames)
         if held(beyond.slope) and turn < 2 * MERGED:
             return None
-        before, after = (point.slope.neutral for point in (critical, landed))
-        if before == after > 0 and turn < 2 * KICK and not self.slight:
+        neutral = landed.slope.neutral
+        if critical.slope.neutral == neutral > 0 and turn < 2 * KICK and not self.slight:
             return None  # pushed along what is neutral on all of the branch
         if turn > FAR and not first.any():
             return Status.SNAPPED
         value = beyond.slope.lowest
         if first.any() and value > -CLEAR and RETURNED < turn < NEAR * np.sqrt(max(-value, 0.0)):
             return Status.BIFURCATED  # too near for a quarter of that to be told
-        ratio = yield from self._shrinks(critical, beyond.level, landed, first, after)
+        deep = 0.25 * max(-value, 0.0) * turn**2 * beyond.stiffness
+        if turn > FAR and (yield from self._down(beyond, rest)) > DEEPER * deep > 0:
+            return Status.SNAPPED
+        ratio = yield from self._shrinks(critical, beyond.level, landed, first, neutral)
         if ratio < SAME_BRANCH and (turn < RETURNED or not first.any()):
             return None
         elsewhere = ratio > APART or (turn > FAR and ratio < SAME_BRANCH)
@@ -393,8 +398,3 @@ class Journey(Walk):
             return 1.0
         size = [float(np.linalg.norm(point.unknowns - critical.unknowns)) for point in (other, landed)]
         return size[0] / max(size[1], 1e-300)
-
-
-def _nearly_neutral(point: Point) -> int:
-    """How many modes may be: what is not quite in balance shows one by as much."""
-    return int((point.singular[1:] < NEARLY).sum())

@@ -140,7 +140,7 @@ def along_floor(at: Callable[[FloatArray, float], Run], start: Point, slope: Slo
         soft = (slope.values <= WALLS) | (np.abs(slope.along) > RESTING * np.abs(slope.values))
         soft[0] = True
         own, across = slope.modes[:, soft], slope.modes[:, ~soft]
-        turn = own @ (own.T @ kick if kick.any() else slope.turn(radius)[soft])
+        turn = own @ (own.T @ kick if kick.any() else slope.turn(radius, soft))
         length = float(np.abs(own.T @ turn).max())
         _, back = _onto(slope, across, np.zeros_like(turn))
         far, move = _onto(slope, across, turn)

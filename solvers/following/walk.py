@@ -28,6 +28,7 @@ RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
 LEAST_RADIUS = 0.005  # the same where steps are short [rad]
 SHORTEST_CLAMPED = 1e-4  # part of a step
 MISSED = 0.2  # part of a step, by which it may have been wrong
+AIMED = 0.7  # of the error that is allowed, at which the next step is aimed
 OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
 STIFFER = 2.0  # of how far a branch was found from where it left another: its mode stiffens with that, in a step by 4 at most
 ALONG_VALLEY = 20  # steps along a valley, after which it is followed
@@ -295,7 +296,8 @@ class Walk:
         point = yield from self._at(critical.unknowns, level)
         for _ in range(ALONGSIDE if len(point.unknowns) > len(point.among.forces) else 0):
             slope = point.slope
-            turn = np.where(slope.values > VANISHING, slope.turn(RADIUS), 0.0)
+            stiff = np.where(slope.values > VANISHING, slope.values, np.inf)
+            turn = np.clip(-slope.along / stiff, -RADIUS, RADIUS)
             point = yield from self._at(point.unknowns + slope.back + slope.change(slope.modes @ turn), level)
         return point
 
@@ -373,8 +375,9 @@ class Walk:
                 if landed is not None:
                     self.hardly = int(abs(landed.slope.values[0]) < HARDLY)
                     return landed
+            shorter = np.sqrt(AIMED * allowed / max(off, 1e-300))  # by which it would be off as much as it is aimed to be
             if not off <= allowed or rises:
-                share *= 0.5
+                share *= 0.5 if rises else min(max(shorter, 0.25), 0.7)
                 if share < SHORTEST_CLAMPED:
                     return None
                 continue
@@ -383,7 +386,7 @@ class Walk:
             if point.size <= self.within and slope.values[0] >= -SOFT:
                 return point
             # what leads back to where ends are held may be long, and is no turn: it shortens steps, the radius by so much alone
-            radius = min(RADIUS_CLAMPED, max(LEAST_RADIUS, share * radius) * (2 if off < 0.5 * allowed else 1))
+            radius = min(RADIUS_CLAMPED, max(LEAST_RADIUS, share * radius) * min(shorter, 2.0))
             share, turn = 1.0, slope.turn(radius)
         return None
 
