@@ -126,13 +126,14 @@ def names_checked(function: Callable[P, R]) -> Callable[P, R]:
     kinds = {own.kind for own in taken.values()}
     any_name, any_count = Parameter.VAR_KEYWORD in kinds, Parameter.VAR_POSITIONAL in kinds
     names = [name for name in taken if name != "self"]
+    known = set(names)
     plain = [name for name, own in taken.items() if own.kind is own.POSITIONAL_OR_KEYWORD]
     unnamed = [name for name in plain if name != "self"]
     called = function.__name__ if function.__name__ != "__init__" else function.__qualname__.split(".")[-2]
 
     @wraps(function)
     def checked(*args: P.args, **options: P.kwargs) -> R:
-        if not any_name:
+        if not any_name and not known.issuperset(options):
             unknown_names(f"{called}()", options, names)
         if not any_count and len(args) > len(plain):
             first = f"without a name only {', '.join(unnamed)}" if unnamed else "nothing without a name"

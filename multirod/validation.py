@@ -281,10 +281,11 @@ def array(field: str, value: object, tail: tuple[int, ...] = (), *, finite: bool
 def measurement(field: str, value: object, tail: tuple[int, ...] = ()) -> FloatArray:
     """Like ``array``, of what a sensor says: NaN where it dropped out."""
     result = array(field, value, tail, finite=False)
-    if (wrong := np.isinf(result)).any():
-        refuse(field, first_of(wrong, result, value), "must be finite, or NaN where there is no measurement")
-    if (wrong := np.abs(result) > LARGEST).any():
-        refuse(field, first_of(wrong, result, value), f"must be at most {LARGEST:g} in SI units")
+    if not (np.abs(result) <= LARGEST).all():
+        if (wrong := np.isinf(result)).any():
+            refuse(field, first_of(wrong, result, value), "must be finite, or NaN where there is no measurement")
+        if (wrong := np.abs(result) > LARGEST).any():
+            refuse(field, first_of(wrong, result, value), f"must be at most {LARGEST:g} in SI units")
     return result
 
 

@@ -172,7 +172,8 @@ def whole(names: Sequence[str]) -> tuple[str, ...]:
 
 def values_of(inputs: Inputs, names: Sequence[str]) -> FloatArray:
     """What is chosen of inputs, shape (..., k), one input after another."""
-    every = [getattr(inputs, name) for name in names]
+    alone = not inputs.batch_shape and inputs.has(names)
+    every = [inputs.array(name) if alone else getattr(inputs, name) for name in names]
     numbers = np.concatenate(every, axis=-1)
     return numbers[..., columns(names, [own.shape[-1] for own in every])] if getattr(names, "numbers", None) else numbers
 

@@ -352,7 +352,7 @@ def _order(
 def refuse_start(field: str, rows: LimitRows, values: FloatArray, robot: Assembly, free: Sequence[str]) -> None:
     """Refuse a start ``p`` (b, k) that is beyond a limit."""
     matrix, ends = rows.both_ways
-    if np.count_nonzero(values.dot(matrix) <= ends) == len(values) * len(ends):
+    if (values.dot(matrix) <= ends).all():
         return
     beyond = rows.outside(values, input_units(robot, free))
     wrong = np.argwhere(beyond > ROUNDING_BEYOND)
