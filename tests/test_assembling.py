@@ -108,14 +108,14 @@ def test_legs_in_pieces_say_where_those_in_one_piece_are(joint):
     part = problem.parts.of(np.array([1]))
     pulled = np.zeros(part.unknown_count)
     pulled[part.own[1].stop - 1] = 150 / 0.32
-    assert part.in_pieces(0, 0.4 * pulled) is None  # hardly pulled
-    cut = part.in_pieces(0, pulled)
+    assert part.stand_in(0, 0.4 * pulled) is None  # hardly pulled
+    cut = part.stand_in(0, pulled)
     outcome = natural_branch(cut.problem, mr.Shooting().newton(cut.problem), 1000)
     assert outcome.status[0] == mr.Status.CONVERGED
     unknowns, asked = cut.unknowns(), np.asarray(found.unknowns[1])
     np.testing.assert_allclose(unknowns, asked, rtol=0, atol=1e-6 * np.abs(asked).max())  # of the default integrator
     moved = robot.problem(robot.inputs(**loads, **along, force_point=(0.01, 0, 0)), integrator=mr.RK45())
-    assert moved.in_pieces(0, pulled) is None  # a network has none
+    assert moved.stand_in(0, pulled) is None  # a network has none
 
 
 def test_rounding_loosens_no_tolerance_that_is_given():

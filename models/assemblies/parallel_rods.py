@@ -40,10 +40,10 @@ from multirod.models.platform.inputs import LEG_INPUTS, PLATFORM_INPUTS
 from multirod.models.platform.problem import ParallelProblem
 from multirod.models.platform.starting.in_pieces import LegsInPieces, pieces_needed
 from multirod.naming import names_checked
-from multirod.pieces import CutUp
 from multirod.read_only import changed
 from multirod.reuse import reusable
 from multirod.rod import DENSITY, Rod
+from multirod.stand_in import StandIns
 from multirod.types import Numbers, Poses
 from multirod.validation import Described, FloatArray, array, choice, directions, instance, nonnegative_float, refuse
 
@@ -62,7 +62,7 @@ INPUTS = (*LEG_INPUTS[:2], *PLATFORM_INPUTS, *LEG_INPUTS[2:])
 Limits: TypeAlias = Sequence[Numbers] | NDArray[Any]  # a pair
 
 
-class _CutLegs(CutUp):
+class _CutLegs(StandIns):
     """Cuts the legs of a robot: as a network of one platform.
 
     Args:
@@ -80,7 +80,7 @@ class _CutLegs(CutUp):
         result._numbers = self._numbers[instances]
         return result
 
-    def cut(self, problem: Any, instance: int, unknowns: FloatArray) -> LegsInPieces | None:  # noqa: ANN401  (``ParallelProblem``)
+    def made(self, problem: Any, instance: int, unknowns: FloatArray) -> LegsInPieces | None:  # noqa: ANN401  (``ParallelProblem``)
         whole, given = self._robot(), problem.inputs_given
         legs = () if whole is None else whole.geometry.legs
         simple = all(leg.rod_count == 1 and not (r.carried or r.loads or r.is_embedded) for leg in legs for r in leg.rods)
@@ -254,7 +254,7 @@ class ParallelRods(Assembly):
         if instances is not None:
             geometry, inputs = geometry.take(whole, instances), inputs.take(whole, instances)
         result = ParallelProblem(geometry, inputs, **options)
-        result.cut_up = _CutLegs(self, whole, np.arange(prod(whole)) if instances is None else instances)
+        result.stand_ins = _CutLegs(self, whole, np.arange(prod(whole)) if instances is None else instances)
         return result
 
     def with_rods(self, rods: Sequence[Rod]) -> Self:  # noqa: D102

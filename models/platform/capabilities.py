@@ -65,7 +65,7 @@ class PlatformParts(PartsAtEqualSteps["ParallelProblem"]):
         cut = [pieces if leg in clamped else 1 for leg in range(len(geometry.legs))]
         result = type(self.problem)(geometry, inputs, integrator=integrator, pieces=cut, **options)
         result.stop = self.problem.stop
-        result.cut_up = None if self.problem.cut_up is None else self.problem.cut_up.of(instances)
+        result.stand_ins = None if self.problem.stand_ins is None else self.problem.stand_ins.of(instances)
         for name in ("inputs", "unknowns"):
             result.write(name, self.problem.read(name)[instances])
         for name in ("opening", "soft", "loading"):

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from multirod.capabilities import Clamps, Conjugates, Joints, Lines, Parts, Released, ResultTest, Shapes, Starts
 from multirod.out_of_reach import Reach
-from multirod.pieces import CutUp, InPieces
 from multirod.problem.buffers import Buffers
 from multirod.segments import Segments
 from multirod.stability import StabilityAnalysis
+from multirod.stand_in import StandIn, StandIns
 from multirod.status import IntArray, Status, failures
 from multirod.validation import FloatArray
 
@@ -39,12 +39,12 @@ class Offers(Buffers):
         gives_way: Whether ends of rods give way until the load factor is 1, in proportion to what is missing: ``Gamma`` may
             change much in a step to the full load, however short, while that is more than what rods themselves give way by.
         reach: Whether ends can be where they are to be, where that is known.
-        cut_up: What cuts its rods, given by the assembly, if anything.
+        stand_ins: What makes problems that stand for its instances, given by the assembly, if anything.
     """
 
     gives_way: bool = False
     reach: Reach | None = None
-    cut_up: CutUp | None = None
+    stand_ins: StandIns | None = None
     passed: "Mapping[int, BranchEvent]" = MappingProxyType({})
 
     # ---- what only some offer ----
@@ -221,10 +221,10 @@ class Offers(Buffers):
         (k,), from 1, are of the places that they are scattered to; 0, the default, is nearest to what inputs hold."""
         return None
 
-    def in_pieces(self, instance: int, unknowns: FloatArray) -> InPieces | None:
-        """An instance as a problem of rods in pieces, cut where they are pulled at some ``unknowns`` (n,), so that errors grow
-        less along each; None where nothing is to be cut, or may be."""
-        return None if self.cut_up is None else self.cut_up.cut(self, instance, unknowns)  # type: ignore[arg-type]  # which it is
+    def stand_in(self, instance: int, unknowns: FloatArray) -> StandIn | None:
+        """A problem that stands for an instance, by what the unknowns (n,) that it came to say; None where there is none, or none
+        would help."""
+        return None if self.stand_ins is None else self.stand_ins.made(self, instance, unknowns)  # type: ignore[arg-type]  # which it is
 
     @property
     def kink_inputs(self) -> NDArray[np.intp]:

@@ -17,10 +17,10 @@ from multirod.solvers.following.walk import NOISY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import Closed, assemble
-from multirod.solvers.starting.in_pieces import solve_in_pieces
 from multirod.solvers.starting.letting_out import let_out, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.starting.releasing import Releasing
+from multirod.solvers.starting.standing_in import solve_stand_ins
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
 
@@ -137,6 +137,8 @@ class ColdStart:
         crept = self.lost & self.handed
         with self._searching():
             self._released().begin(self.lost & np.isin(self.outcome.status, WITHOUT_REASON))
+            self._by_stand_ins(self.lost)
+            self.handed &= self.lost
             self._put_together(self.lost & ~crept)
         # the poses that it finds are not those of the unknowns: nothing may integrate these again
         if self.handed.any() and self.outcome.reached is not None:
@@ -220,6 +222,12 @@ class ColdStart:
         if self.options.at_fold != "stop":
             self._released().begin_scattered(self.lost & np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE)))
 
+    def _by_stand_ins(self, some: BoolArray) -> None:
+        """What does not come apart, by problems that stand for ``some``."""
+        if self.problem.joints is None and some.any():
+            ends = dict(enumerate(self.ends))
+            solve_stand_ins(self.options, self.problem, self.newton, self.outcome, some, ends, self.options.at_fold)
+
     def _put_together(self, some: BoolArray) -> None:
         """By joints that close, and where several stable equilibria are meant, to the lowest one, of ``some`` that are lost."""
         if not some.any():
@@ -233,7 +241,7 @@ class ColdStart:
 
         def in_pieces(at_fold: str) -> None:
             stopped = ended & (self.options.at_fold == "stop")
-            solve_in_pieces(self.options, problem, newton, outcome, some & self.lost & ~stopped, pulled, at_fold)
+            solve_stand_ins(self.options, problem, newton, outcome, some & self.lost & ~stopped, pulled, at_fold)
 
         in_pieces("stop")
         if further is None:

@@ -10,8 +10,8 @@ import numpy as np
 
 from multirod.models.backbone.segments.cutting import EACH, LONGEST, may_be_cut
 from multirod.models.backbone.units import unit_stiffness
-from multirod.pieces import InPieces
 from multirod.problem import BoundaryProblem
+from multirod.stand_in import StandIn
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def pieces_needed(problem: "ParallelProblem", instance: int, unknowns: FloatArra
     ]
 
 
-class LegsInPieces(InPieces):
+class LegsInPieces(StandIn):
     """An instance of a robot as ``problem``, whose rods are its legs, in their order, and whose end effector its platform.
 
     Args:

@@ -1,7 +1,4 @@
-"""The same way with rods in pieces, where what their bases are off grows too much along them.
-
-Numbers are those of ``docs/parallel.md``.
-"""
+"""The same way by problems that stand for instances that were lost: with rods in pieces, or what is rigid nearly so."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,32 +16,32 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.solvers.shooting import Shooting
 
-MOST = 2000  # integrations of pieces; 90 to 260 are usual
+MOST = 2000  # integrations of what stands for one; 60 to 400 are usual
 NOISIEST = 1e3  # times the default tolerance: what rounding may leave of a residual
 
 
-def solve_in_pieces(
+def solve_stand_ins(
     options: "Shooting",
     problem: BoundaryProblem,
     newton: Newton,
     outcome: Outcome,
     lost: BoolArray,
-    pulled: Mapping[int, FloatArray],
+    ends: Mapping[int, FloatArray],
     at_fold: str,
 ) -> None:
-    """(9c) Solve those ``lost`` anew with rods in pieces, cut where they are ``pulled`` at such unknowns (n,), by instance.
+    """Solve what stands for those ``lost``, by what the unknowns (n,) that they came to say, by instance.
 
-    What that comes to is a result where Newton's method leads from there to an equilibrium of rods in one piece that is not known
-    to be unstable; else all is left as it is. ``at_fold`` is an option of ``Shooting``.
+    What that comes to is a result where Newton's method leads from there to an equilibrium that is not known to be unstable; else
+    all is left as it is. ``at_fold`` is an option of ``Shooting``.
     """
     for place in np.flatnonzero(lost & options.fallback).tolist():
         left = int(outcome.left_of(options.max_integrations)[place])
-        cut = problem.in_pieces(place, pulled[place]) if place in pulled and left > 0 else None
-        if cut is None:
+        other = problem.stand_in(place, ends[place]) if place in ends and left > 0 else None
+        if other is None:
             continue
-        found = replace(options, at_fold=at_fold, fallback=False, max_integrations=min(left, MOST))._solve(cut.problem, None)
+        found = replace(options, at_fold=at_fold, fallback=False, max_integrations=min(left, MOST))._solve(other.problem, None)
         _count(outcome, place, found)
-        if not failures(found.status)[0] and _taken(options, problem, newton, outcome, place, cut.unknowns()):
+        if not failures(found.status)[0] and _taken(options, problem, newton, outcome, place, other.unknowns()):
             outcome.status[place] = found.status[0]
             outcome.events |= placed_events(found.events, np.array([place]))
 

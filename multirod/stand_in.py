@@ -1,4 +1,4 @@
-"""Instances as problems of another kind, whose rods are in pieces along which errors grow less."""
+"""Problems that stand for instances of others: they are solved where these are not, and lead there."""
 
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from multirod.problem import BoundaryProblem
 
 
-class InPieces(ABC):
-    """One instance of a problem as another ``problem``, whose rods are in pieces."""
+class StandIn(ABC):
+    """One instance of a problem as another ``problem``, near whose equilibria its own are."""
 
     problem: "BoundaryProblem"
 
@@ -20,14 +20,13 @@ class InPieces(ABC):
         """Where ``problem`` is now, as the unknowns of the one that it stands for, shape (n,)."""
 
 
-class CutUp(ABC):
+class StandIns(ABC):
     """Makes these, for an assembly."""
 
     @abstractmethod
-    def of(self, instances: IntArray) -> "CutUp":
+    def of(self, instances: IntArray) -> "StandIns":
         """The same for a part of the problem, some of its instances, shape (k,)."""
 
     @abstractmethod
-    def cut(self, problem: "BoundaryProblem", instance: int, unknowns: FloatArray) -> InPieces | None:
-        """An instance of ``problem``, cut where it is pulled at some ``unknowns`` (n,); None where nothing is to be cut, or may
-        be."""
+    def made(self, problem: "BoundaryProblem", instance: int, unknowns: FloatArray) -> StandIn | None:
+        """For an instance of ``problem``, by what unknowns (n,) it came to say; None where there is none, or none would help."""
