@@ -219,8 +219,9 @@ def test_unknowns_go_along_with_the_estimate(make, wire):
 
 @pytest.mark.parametrize("off", [1e-6, 0.3, 1.4, 2.5])
 @pytest.mark.parametrize("told", ["rotation", "axis", "covariance", "gap", "curvature", "marker"])
-def test_the_compiled_sample_is_that_of_estimate(wire, make, wandering, off, told):
-    """(10) to (12) by the rows that ``estimate`` has, of a measurement that is far off."""
+def test_the_compiled_sample_is_that_of_estimate(wire, make, wandering, off, told, monkeypatch):
+    """(10) to (12) by the rows that ``estimate`` has, of a measurement that is far off; reckoned once, without (28)."""
+    monkeypatch.setattr("multirod.tasks.estimating.filtering.BENT", np.inf)
     from multirod.tasks.measuring.along import Places
     from multirod.tasks.measuring.sensors import Measured
 
@@ -512,6 +513,32 @@ def finger():
 
 def pulled_in_turn(k):
     return 1.5e-3 * np.cos(2 * np.pi * k / 100 - np.array([0.0, 2.1, 4.2]))
+
+
+def test_samples_that_lead_far_know_how_far_they_are_off(make):
+    """(28) The rows of where a sample begins are not those of where it ends: reckoned once, the largest square is 36."""
+    random, step, dt = np.random.default_rng(1), 0.1, 0.01
+    force = np.cumsum(step * random.normal(size=(100, 3)), axis=0)
+    position, rotation, _, _ = MeasuredRod(0.4, 0.223349, 0.063814, (14, 5, 0)).seen(force)
+    position = position + POSITION * random.normal(size=position.shape)
+    rotation = turned_by(ANGLE * random.normal(size=(len(force), 3))) @ rotation
+    meter = make(unknown={"tip_force": mr.Walk(step / np.sqrt(dt))}, dt=dt)
+    squares, integrations, sample = [], [], None
+    for k, (truth, *seen) in enumerate(zip(force, position, rotation, strict=True)):
+        before, sample = sample, meter.step([tuple(seen)])
+        if k and sample.integrations > 2:  # it ends where an estimate does, which goes on until it leads nowhere
+            began = mr.Prior(before.value("tip_force"), covariance=before.covariance("tip_force") + step**2 * np.eye(3))
+            measured = mr.Pose(position=seen[0], rotation=seen[1], sigma=(POSITION, ANGLE))
+            end = mr.estimate(meter.robot, unknown={"tip_force": began}, measured=measured, guess=before.solution)
+            off = sample.value("tip_force") - end.value("tip_force")
+            assert off @ np.linalg.solve(end.covariance("tip_force"), off) < 0.1
+        error = sample.value("tip_force") - truth
+        squares.append(error @ np.linalg.solve(sample.covariance("tip_force"), error) / 3)
+        integrations.append(int(sample.integrations))
+    assert 0.7 < np.mean(squares) < 1.5
+    assert max(squares) < 10
+    assert 1 < np.mean(integrations[1:]) < 2
+    assert max(integrations[1:]) > 2
 
 
 def test_samples_in_which_lines_turn_slack_or_taut_know_how_far_they_are_off_across_the_kink():

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.batch import IntArray
 from multirod.status import Status
 from multirod.tasks.estimating.kinked import ASIDE
 from multirod.validation import FloatArray
@@ -16,52 +15,36 @@ if TYPE_CHECKING:
 PASSES = 4  # updates of a sample, beside the first
 
 
-class Crossing:
-    """(27) Makes the update of a sample again with the lines on the sides of their kinks that it leads them to.
+def crossed(track: "FilterTrack", begun: FloatArray, once: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(27) Make the update of a sample again with the lines on the sides of their kinks that it leads them to.
 
     Args:
-        track: After the integration of a sample, before its update.
+        track: After that update.
+        begun: Unknowns that it was made at (b, n).
+        once: Integrations that it took, shape (b,).
+
+    Returns:
+        How many it took in all, shape (b,), ``once`` where it took no other.
     """
-
-    def __init__(self, track: "FilterTrack") -> None:
-        self._track, self._problem = track, track.problem
-        self._x = np.array(self._problem.read("unknowns"))
-        self._before = {name: own.values.copy() for name, own in track.known.state.items()}
-
-    def run(self, once: NDArray[np.int32]) -> NDArray[np.int32]:
-        """After the update; how many integrations each instance took in all, (b,), ``once`` where it took no other."""
-        known, K, spent = self._track.known, self._problem.kinks, once
-        begun = self._x[:, K] > 0
-        sides, crossed, doubtful = begun, np.zeros_like(begun), np.zeros_like(begun)
-        for _ in range(PASSES):
-            there = (known.status == Status.TRACKING) & (self._before["begun"] != 0)
-            led = ((self._problem.read("unknowns")[:, K] > 0) != sides) & ~doubtful & there[:, None]
-            wanted = np.where(led, ~sides & ~crossed, sides)  # neither side leads to itself: the less sure one is taken, slack
-            doubtful, crossed = doubtful | (led & crossed), crossed | led
-            rows = np.flatnonzero((wanted != sides).any(axis=1))
-            if not len(rows):
-                break
-            sides = wanted
-            scale = self._problem.curvature_scale()[:, None]
-            x = self._x.copy()
-            x[:, K] = np.where(sides == begun, x[:, K], np.where(sides, 1.0, -1.0) * ASIDE * scale)
-            self._again(rows, x)
-            spent = spent.copy()
-            spent[rows] += 1
-        return spent
-
-    def _again(self, rows: IntArray, x: FloatArray) -> None:
-        """The update of some instances from what they began with, but for unknowns (b, n)."""
-        track, known, chosen = self._track, self._track.known, np.zeros(len(x), dtype=bool)
-        chosen[rows] = True
-        for name, own in known.state.items():
-            own.values[rows] = self._before[name][rows]
-        others = {name: own.values[~chosen].copy() for name, own in known.state.items()}
-        known.begun[~chosen] = 0  # they stay as they are
-        track.task.write(np.where(chosen[:, None], x, self._problem.read("unknowns")), known.mean)
-        with self._problem.only(chosen):
-            track.task.integrate()
-        track.update()
-        for name, own in known.state.items():
-            own.values[~chosen] = others[name]
-            own.send()
+    known, problem, spent = track.known, track.problem, once
+    K, first = problem.kinks, begun[:, problem.kinks] > 0
+    sides, across, doubtful = first, np.zeros_like(first), np.zeros_like(first)
+    going = known.begun != 0
+    for _ in range(PASSES):
+        there = (known.status == Status.TRACKING) & going
+        led = ((problem.read("unknowns")[:, K] > 0) != sides) & ~doubtful & there[:, None]
+        wanted = np.where(led, ~sides & ~across, sides)  # neither side leads to itself: the less sure one is taken, slack
+        doubtful, across = doubtful | (led & across), across | led
+        chosen = (wanted != sides).any(axis=1)
+        if not chosen.any():
+            break
+        sides = wanted
+        scale = problem.curvature_scale()[:, None]
+        x = begun.copy()
+        x[:, K] = np.where(sides == first, x[:, K], np.where(sides, 1.0, -1.0) * ASIDE * scale)
+        x = np.where(chosen[:, None], x, problem.read("unknowns"))
+        track.task.write(x, np.where(chosen[:, None], known.state["prior"].values, known.mean))
+        track.again(np.flatnonzero(chosen))
+        spent = spent.copy()
+        spent[chosen] += 1
+    return spent

@@ -35,8 +35,8 @@ from multirod.validation import array, device_name, instance, positive_float, re
 class Estimator(Uncopied, Generic[Robot_co]):
     """Inputs behind measurements in a control loop: one sample a call, by one integration.
 
-    What is unknown walks at random between samples (``docs/estimation.md``). A sample in which a line turns slack or taut takes
-    an integration more. One thread steps it at a time.
+    What is unknown walks at random between samples (``docs/estimation.md``). A sample that leads far, or in which a line turns
+    slack or taut, takes an integration more, or some. One thread steps it at a time.
 
     Args:
         robot: The assembly.

@@ -39,6 +39,9 @@ class Filter:
     rejected: wp.array2d[int]  # (instance, sensor)
     # kept from sample to sample
     begun: wp.array[int]  # whether it goes on from the last sample
+    again: wp.array[int]  # whether this sample is updated once more, from what it began with; -1 leaves it as it is
+    prior: wp.array2d[wp.float64]  # what it began with: the mean, and P^-, (10)
+    grown: wp.array3d[wp.float64]
     sign: wp.array[wp.float64]  # of det Gamma where it began
     walked: wp.array3d[wp.float64]  # Q dt, (instance, k, k)
     mean: wp.array2d[wp.float64]
@@ -46,6 +49,8 @@ class Filter:
     free: wp.array3d[wp.float64]  # the covariance had nothing been measured
     square: wp.array[wp.float64]  # of what was measured and not expected
     status: wp.array[int]
+    moved: wp.array[wp.float64]  # (28), and its left side
+    bent: wp.array[wp.float64]
     # whether it is stable
     watched: Watched
     curvature: wp.array[wp.float64]  # scale of unknowns [1/m], (instance)
@@ -59,6 +64,7 @@ class Filter:
     normal: wp.array3d[wp.float64]  # J^T r and J^T J beside each other, (instance, k, 1 + k)
     system: wp.array3d[wp.float64]  # (instance, k, k)
     sides: wp.array3d[wp.float64]  # the step and the covariance, (instance, k, 1 + k)
+    offset: wp.array2d[wp.float64]  # p_i - p_0 of (28), (instance, k)
     unknowns: wp.array2d[wp.float64]  # those of the next sample
 
 
@@ -171,6 +177,9 @@ def place_rows(s: Filter, t: int):
     for row in range(s.r.shape[1]):
         if s.known[t, row] == 0:
             leave_out(s, t, row)
+        if s.again[t] > 0:  # (28)
+            for j in range(s.J.shape[2]):
+                s.r[t, row] = s.r[t, row] - s.J[t, row, j] * s.offset[t, j]
 
 
 @wp.func(inline=False)
@@ -230,7 +239,7 @@ def update(s: Filter, t: int):
     for i in range(s.unknowns.shape[1]):
         x = s.task.unknowns[t, i] + s.task.shift[t, i, 0]
         for j in range(s.walked.shape[1]):
-            x += s.task.shift[t, i, 1 + j] * s.sides[t, j, 0]
+            x += s.task.shift[t, i, 1 + j] * (s.sides[t, j, 0] - s.offset[t, j])
         s.unknowns[t, i] = x
 
 
@@ -258,7 +267,7 @@ def look(s: Filter, t: int) -> int:
     for i in range(s.unknowns.shape[1]):
         far = wp.max(far, wp.abs(s.unknowns[t, i] - s.task.unknowns[t, i]) / s.curvature[t])
     for j in range(s.unit.shape[0]):
-        far = wp.max(far, wp.abs(s.sides[t, j, 0]) / s.unit[j])
+        far = wp.max(far, wp.abs(s.sides[t, j, 0] - s.offset[t, j]) / s.unit[j])
     if s.watched.on != 0:
         stand(s.watched, s.task, t, s.unit)
         for j in range(s.unit.shape[0]):
@@ -266,6 +275,27 @@ def look(s: Filter, t: int) -> int:
     # inputs that are not estimated change too: each is compared
     found = strayed(s.watched, s.task, t, s.curvature[t], True)
     return wp.where(far > f64(wp.static(FAR)) and s.watched.on != 0, wp.static(LOOK), found)
+
+
+@wp.func(inline=False)
+def bend(s: Filter, t: int):
+    """(28) How far the sample led from where its rows were, in standard deviations, and by how much they may be others there."""
+    square = f64(0.0)
+    for row in range(s.r.shape[1]):
+        total = f64(0.0)
+        for j in range(s.J.shape[2]):
+            total += s.J[t, row, j] * (s.sides[t, j, 0] - s.offset[t, j])
+        square += total * total
+    far = f64(0.0)
+    for i in range(s.unknowns.shape[1]):
+        far = wp.max(far, wp.abs(s.unknowns[t, i] - s.task.unknowns[t, i]) / s.curvature[t])
+    for i in range(3, 6):
+        turned = s.task.carried[t, i, 0]
+        for j in range(s.J.shape[2]):
+            turned += s.task.carried[t, i, 1 + j] * (s.sides[t, j, 0] - s.offset[t, j])
+        far = wp.max(far, wp.abs(turned))
+    s.moved[t] = wp.sqrt(square)
+    s.bent[t] = s.moved[t] * far
 
 
 @cache
@@ -276,10 +306,21 @@ def make_filter():
     def advance(s: Filter):
         t = wp.tid()
         k = s.walked.shape[1]
+        if s.again[t] < 0:
+            return
         for i in range(k):
             for j in range(k):
-                s.free[t, i, j] = s.free[t, i, j] + s.walked[t, i, j]
-                s.covariance[t, i, j] = s.covariance[t, i, j] + s.walked[t, i, j]
+                if s.again[t] == 0:
+                    s.free[t, i, j] = s.free[t, i, j] + s.walked[t, i, j]
+                    s.grown[t, i, j] = s.covariance[t, i, j] + s.walked[t, i, j]
+                s.covariance[t, i, j] = s.grown[t, i, j]
+            s.offset[t, i] = f64(0.0)
+            if s.again[t] == 0:
+                s.prior[t, i] = s.mean[t, i]
+            else:
+                s.mean[t, i] = s.prior[t, i]
+                s.offset[t, i] = s.task.inputs[t, s.task.places[i]] - s.prior[t, i]
+        s.bent[t] = f64(0.0)
         for i in range(s.rejected.shape[1]):
             s.rejected[t, i] = 0
         s.doubt[t] = wp.static(NOTHING)
@@ -298,6 +339,7 @@ def make_filter():
             s.square[t] = f64(wp.nan)
             return
         s.doubt[t] = look(s, t)
+        bend(s, t)
         for i in range(s.unknowns.shape[1]):
             s.task.unknowns[t, i] = s.unknowns[t, i]
         for i in range(k):

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from multirod.batch import IntArray
 from multirod.kernels.shared import Shared
 from multirod.launch import expect, record
 from multirod.problem import BoundaryProblem
@@ -16,9 +17,10 @@ from multirod.status import Status, failures
 from multirod.tasks.condensed import condensed
 from multirod.tasks.condensed_kernels import Condensed
 from multirod.tasks.estimating.bounded import Bounds
-from multirod.tasks.estimating.crossing import Crossing
+from multirod.tasks.estimating.crossing import crossed
 from multirod.tasks.estimating.filter_kernels import Filter, make_filter
 from multirod.tasks.estimating.inference import Posterior, deviations, largest_square, roots
+from multirod.tasks.estimating.iterated import BENT, iterated
 from multirod.tasks.estimating.iteration import Known, Part
 from multirod.tasks.formulation import input_units
 from multirod.tasks.measuring.along import Along
@@ -52,13 +54,14 @@ class FilterSolver(Solver):
         self.pose_sensitivities = True
         self.present: Any = None
         count, k = start.shape[:2]
-        sizes = dict.fromkeys(("walked", "covariance", "free"), (k, k)) | {"mean": (k,), "square": (), "sign": ()}
+        sizes: dict[str, tuple[int, ...]] = dict.fromkeys(("walked", "covariance", "free", "grown"), (k, k))
+        sizes |= dict.fromkeys(("mean", "prior"), (k,)) | dict.fromkeys(("square", "sign", "moved", "bent"), ())
         self.state = {name: Shared((count, *shape), wp.float64, known.device) for name, shape in sizes.items()}
-        self.state |= {name: Shared((count,), wp.int32, known.device) for name in ("begun", "status", "doubt")}
+        self.state |= {name: Shared((count,), wp.int32, known.device) for name in ("begun", "status", "doubt", "again")}
         for name, values in {"walked": walked, "covariance": start, "free": start}.items():
             self.state[name].values[:] = values
-        self.mean, self.covariance, self.free, self.square, self.sign, self.begun, self.status = (
-            self.state[name].values for name in ("mean", "covariance", "free", "square", "sign", "begun", "status")
+        self.mean, self.covariance, self.free, self.square, self.sign, self.begun, self.status, self.bent = (
+            self.state[name].values for name in ("mean", "covariance", "free", "square", "sign", "begun", "status", "bent")
         )
         self.unknowns = np.zeros((count, 0))
         self.sound = False
@@ -157,7 +160,15 @@ class FilterTrack(Track):
         self._markers = _Markers(live, state, count, n, k, problem.device)
         for name, each in (shared | {"told": self._told}).items():
             setattr(state, name, each.array)
-        room = {"r": (m,), "J": (m, k), "normal": (k, 1 + k), "system": (k, k), "sides": (k, 1 + k), "unknowns": (n,)}
+        room = {
+            "r": (m,),
+            "J": (m, k),
+            "normal": (k, 1 + k),
+            "system": (k, k),
+            "sides": (k, 1 + k),
+            "offset": (k,),
+            "unknowns": (n,),
+        }
         for name, shape in room.items():
             setattr(state, name, wp.zeros((count, *shape), dtype=wp.float64, device=problem.device))
         firsts = [own.start for own in live.slices]
@@ -195,9 +206,11 @@ class FilterTrack(Track):
             self._watch.catch_up()
             self.task.integrate()
             mean, covariance = known.mean.copy(), known.covariance.copy()
-            crossing = Crossing(self) if self._kinked else None
+            begun = np.array(problem.read("unknowns")) if self._kinked else None
             self.update()
-            spent = known.once if crossing is None else crossing.run(known.once)
+            spent = known.once if begun is None else crossed(self, begun, known.once)
+            if known.bent.max() > BENT:
+                spent = iterated(self, spent)
             self._keep_within(mean)
             if known.state["doubt"].values.any():
                 spent = spent.copy()
@@ -209,6 +222,16 @@ class FilterTrack(Track):
             return Outcome(known.status.copy(), known.once.copy(), spent.copy())
         known.sound = bool(known.begun.all())
         return Outcome(known.status.copy(), known.once, spent)
+
+    def again(self, rows: IntArray) -> None:
+        """The update of some instances from what they began this sample with, by an integration where the problem is."""
+        chosen, mark = np.zeros(len(self.known.begun), dtype=bool), self.known.state["again"]
+        chosen[rows] = True
+        mark.values[:] = np.where(chosen, 1, -1)
+        with self.problem.only(chosen):
+            self.task.integrate()
+        self.update()
+        mark.write(0)
 
     def update(self) -> None:
         """The step that the measurements ask for, by the last integration."""
