@@ -137,13 +137,18 @@ def test_sensors_along_rods_that_are_refused(name, said):
 
 
 def test_sensors_along_one_of_several_rods_say_which():
-    """They were of the first. Tubes in each other are bent alike: the first is meant."""
-    found, told = solved("legs"), {"sigma": 1e-3, "at": 0.1}
+    """They were of the first."""
+    robot, told = MADE["legs"]()[0], {"sigma": 1e-3, "at": 0.1}
     sensors = [mr.Curvature(value=(1, 0), **told), mr.Pose(position=(0, 0, 0.1), **told)]
     for sensor in (*sensors, mr.ForceTorque(force=(0, 0, 1), **told)):
         name = type(sensor).__name__
         with pytest.raises(ValueError, match=rf"{name}\.rod is not given: of \d+ rods that stand apart it must be an index"):
-            mr.estimate(found.robot, found.inputs, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=sensor)
+            mr.estimate(robot, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=sensor)
+
+
+def test_of_tubes_in_each_other_the_first_is_meant():
+    """They are bent alike."""
+    told = {"sigma": 1e-3, "at": 0.1}
     tubes = mr.ConcentricTubes([mr.Rod(length=own, bending_stiffness=0.01, torsional_stiffness=0.008) for own in (0.3, 0.2)])
     one, other = (
         mr.estimate(tubes, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=mr.Curvature(value=(1, 0), **told, **rod))
