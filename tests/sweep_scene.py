@@ -4,6 +4,7 @@ import os
 import signal
 import struct
 import sys
+import time
 from argparse import ArgumentParser
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -16,18 +17,21 @@ import numpy as np
 import multirod as mr
 
 CHUNK = 4
+PAUSE = 0.01  # s for each chunk, so that a machine however fast is not done before it is stopped
 QUANTITIES = ("condition",)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Logged(mr.Shooting):
-    """Newton's method that writes a line for each batch that it is given."""
+    """Newton's method that writes a line for each batch that it is given, and pauses [s]."""
 
     log: str
+    pause: float = 0.0
 
     def _solve(self, problem: mr.BoundaryProblem, guess: Any) -> mr.Outcome:
         with open(self.log, "a", encoding="utf-8") as file:
             file.write(f"{problem.instance_count} {os.getpid()}\n")
+        time.sleep(self.pause)
         return super()._solve(problem, guess)
 
 
@@ -90,7 +94,7 @@ def pool() -> ProcessPoolExecutor:
 def main(out: str, log: str, count: int, chunk: int, executor: str, died: str, how: int, midway: bool) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # who starts this may ignore it
     robot, inputs = scene(count)
-    solver = Dying(angle=1.0, died=died, how=how, midway=midway) if died else Logged(log=log)
+    solver = Dying(angle=1.0, died=died, how=how, midway=midway) if died else Logged(log=log, pause=PAUSE)
 
     def report(done: int) -> None:
         print(done, flush=True)
