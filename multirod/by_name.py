@@ -9,10 +9,22 @@ import numpy as np
 from multirod.inputs import Inputs, InputSpec
 from multirod.naming import meant
 from multirod.rod import Rod
-from multirod.validation import Described, FloatArray, array, refuse
+from multirod.validation import Described, FloatArray, array, known_as, refuse
 
 if TYPE_CHECKING:
     from multirod.assembly import Assembly
+
+
+def the_only_backbone(field: str, robot: "Assembly") -> int:
+    """The first rod, which is meant where none is named and all rods are one, or tubes in each other."""
+    try:
+        apart = len(robot.backbones)
+    except NotImplementedError:  # as tubes side by side, each bent in its own way
+        apart = len(robot.rods)
+    if apart > 1:
+        names = known_as([own.name for own in robot.rods])
+        raise ValueError(f"{field} is not given: of {apart} rods that stand apart it {names}")
+    return 0
 
 
 def each_named(rods: Sequence[Rod], specs: Iterable[InputSpec]) -> dict[str, dict[str, int]]:

@@ -864,6 +864,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "its index or name",
         ),
         Mistake(
+            "of which of six legs is not said",
+            "mr.solve(legs(), legs().inputs()).rod()",
+            ValueError,
+            "of 6 rods that stand apart it must be an index below 6",
+            "rod(0) to rod(5), or by their names",
+        ),
+        Mistake(
             "derivatives by a name from elsewhere",
             "mr.solve(robot, robot.inputs(tip_force=(1, 0, 0))).jacobian('force')",
             TypeError,

@@ -155,7 +155,7 @@ def test_bad_curvatures(wire, options, message):
 def test_robots_that_do_not_tell_say_so(wire):
     robot = mr.EccentricTubes([wire, wire], offsets=[(0.002, 0), (-0.002, 0)])
     with pytest.raises(NotImplementedError, match="derivatives along rods side by side are not known"):
-        mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=0.1, value=(0, 0), sigma=0.1))
+        mr.estimate(robot, unknown=PRIOR, measured=mr.Curvature(at=0.1, value=(0, 0), sigma=0.1, rod=0))
 
 
 def test_where_the_start_fails_the_estimate_says_so():

@@ -146,6 +146,26 @@ def test_sensors_along_one_of_several_rods_say_which():
             mr.estimate(robot, unknown={"tip_force": mr.Prior(0, sigma=1)}, measured=sensor)
 
 
+@pytest.mark.parametrize("name", ["legs", "side by side"])
+def test_what_is_along_one_of_several_rods_says_which(name):
+    """It was along the first."""
+    found = solved(name)
+    asked = (
+        [found.rod]
+        if name == "side by side"
+        else [
+            found.rod,
+            found.wrench,
+            lambda **rod: found.along(0.1, **rod),
+            lambda **rod: found.jacobian("tip_force", of="curvature", at=0.1, **rod),
+        ]
+    )
+    for ask in asked:
+        with pytest.raises(ValueError, match=r"^rod is not given: of \d+ rods that stand apart it must be an index below"):
+            ask()
+        ask(rod=0)
+
+
 def test_of_tubes_in_each_other_the_first_is_meant():
     """They are bent alike."""
     told = {"sigma": 1e-3, "at": 0.1}
@@ -156,11 +176,15 @@ def test_of_tubes_in_each_other_the_first_is_meant():
     )
     np.testing.assert_array_equal(one.value("tip_force"), other.value("tip_force"))
     assert one.value("tip_force").any()
+    bent = mr.solve(tubes, tubes.inputs(tip_force=(0.1, 0, 0)))
+    columns = {"of": "curvature", "at": 0.1}
+    np.testing.assert_array_equal(bent.jacobian("tip_force", **columns), bent.jacobian("tip_force", **columns, rod=0))
+    np.testing.assert_array_equal(bent.rod().position, bent.rod(0).position)
 
 
 def test_derivatives_along_rods_side_by_side_are_refused():
     with pytest.raises(NotImplementedError, match="derivatives along rods side by side"):
-        solved("side by side").jacobian("tip_force", of="curvature", at=0.1)
+        solved("side by side").jacobian("tip_force", of="curvature", at=0.1, rod=0)
 
 
 @pytest.mark.parametrize("name", ["inverse", "held", "held at an end"])

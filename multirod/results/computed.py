@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from multirod import plausibility
 from multirod.assembly import Robot_co
 from multirod.batch import parts, run
+from multirod.by_name import the_only_backbone
 from multirod.capabilities import Lines
 from multirod.naming import meant
 from multirod.problem import BoundaryProblem, LineShape, Shape
@@ -154,16 +155,16 @@ class Computed(Found[Robot_co]):
         steps = self._scene.integrator.steps
         return DEFAULT_NODE_COUNT if steps is None else steps + 1
 
-    def rod(self, rod: int | str = 0, *, nodes: int | None = None) -> Shape:
+    def rod(self, rod: int | str | None = None, *, nodes: int | None = None) -> Shape:
         """Shape of one rod on nodes evenly spaced along its arclength; arrays (..., node_count, ...).
 
         Args:
-            rod: Index or name.
+            rod: Index or name; not needed where a robot is one rod, or tubes in each other, whose first it is.
             nodes: Number of nodes; by default one a step at fixed steps, else 51. A shape that cannot be told there, of a taut
                 rod in too few steps, is NaN (``docs/stability.md``, equation 19).
 
         Raises:
-            ValueError: If there is no such rod, or ``nodes`` is not an integer >= 2.
+            ValueError: If there is no such rod, none is said of several that stand apart, or ``nodes`` is not an integer >= 2.
         """
         index = self._rod_index(rod)
         count = self._default_node_count if nodes is None else positive_int("nodes", nodes, 2)
@@ -185,8 +186,10 @@ class Computed(Found[Robot_co]):
 
         return np.asarray(frozen(largest(self, [self.rod(k) for k in range(self.assembly.rod_count)])))
 
-    def _rod_index(self, rod: int | str) -> int:
-        """Number of a rod, from the first."""
+    def _rod_index(self, rod: int | str | None) -> int:
+        """Number of a rod, from the first, which it is where a robot has one backbone and none is named."""
+        if rod is None:
+            return the_only_backbone("rod", self.assembly)
         names = [r.name for r in self.assembly.rods]
         index = index_of("rod", rod, names)
         if index is None:

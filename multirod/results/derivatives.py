@@ -142,7 +142,7 @@ def _rows(
     if of == "pose":
         return (POSE,), _pose_rows
     if of in ALONG:
-        index = solution._rod_index(0 if rod is None else rod)
+        index = solution._rod_index(rod)
         places = places_of(solution, at, index)
         tail = (places.size, ALONG[of]) if np.ndim(np.asarray(at)) else (ALONG[of],)
 
@@ -192,7 +192,7 @@ def places_on(sections: Sequence[Sequence[FloatArray]], translation: FloatArray,
     return result
 
 
-def along(solution: "Solution[Any]", at: Numbers, of: str, rod: int | str) -> FloatArray:
+def along(solution: "Solution[Any]", at: Numbers, of: str, rod: int | str | None) -> FloatArray:
     """What ``Solution.along`` says."""
     choice("of", of, ALONG)
     index = solution._rod_index(rod)

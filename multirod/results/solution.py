@@ -117,7 +117,7 @@ class Solution(Asked, Wrenches[Robot_co]):
                 ``"position"``, ``"rotation"``, ``"curvature"`` or ``"wrench"``, as of ``along``.
             at: Of the last four, arclengths from the base [m], one or several, rising, as ``rod(k).arclength``, which begins
                 with 0.
-            rod: Of them too, index or name of the rod; the first by default.
+            rod: Of them too, index or name of the rod; not needed of one rod, or of tubes in each other, whose first it is.
 
         Returns:
             Shape (..., 6, k): position rows [m per unit], then rotation-vector rows [rad per unit], both in the world frame;
@@ -130,7 +130,8 @@ class Solution(Asked, Wrenches[Robot_co]):
 
         Raises:
             TypeError: If the assembly takes no such input, or none is named.
-            ValueError: If ``of`` is none of these, ``at`` is not on the rod, or ``at`` or ``rod`` is given of another.
+            ValueError: If ``of`` is none of these, ``at`` is not on the rod, no rod is said of several that stand
+                apart, or ``at`` or ``rod`` is given of another.
             NotImplementedError: If the assembly does not give these derivatives.
         """
         return self._jacobian(names, of, at, rod)
@@ -146,7 +147,7 @@ class Solution(Asked, Wrenches[Robot_co]):
         at: Numbers,
         *,
         of: Literal["position", "rotation", "curvature", "wrench"] = "position",
-        rod: int | str = 0,
+        rod: int | str | None = None,
     ) -> FloatArray:
         """What a rod is at given arclengths: of what ``jacobian(..., of=, at=, rod=)`` has the derivatives.
 
@@ -159,14 +160,14 @@ class Solution(Asked, Wrenches[Robot_co]):
                 frame [1/m], or ``"wrench"``: force [N] and moment about the place [N m], in the world, that what lies beyond the
                 place exerts on what lies before it, of all tubes in each other and their lines: at 0 what ``wrench()`` says, at a
                 tip that something holds the opposite of ``wrench(rod, "tip")``.
-            rod: Index or name of the rod.
+            rod: Index or name of the rod, as of ``jacobian``.
 
         Returns:
             Shape (..., 3), of rotations (..., 3, 3), of wrenches (..., 6), or with several arclengths (..., count, 3) and so on.
             NaN where there is no result, and of what multiple shooting found.
 
         Raises:
-            ValueError: If ``of`` is none of these, there is no such rod, or ``at`` is not on it.
+            ValueError: If ``of`` is none of these, there is no such rod, none is said, or ``at`` is not on it.
             NotImplementedError: If the assembly does not give this.
         """
         return derivatives.along(self, at, of, rod)

@@ -64,7 +64,7 @@ class Wrench:
 class Wrenches(Jointed[Robot_co]):
     """Found equilibria, and what rods do to what holds them."""
 
-    def wrench(self, rod: int | str = 0, end: Literal["base", "tip"] | int = "base") -> Wrench:
+    def wrench(self, rod: int | str | None = None, end: Literal["base", "tip"] | int = "base") -> Wrench:
         """Force and moment that an end of a rod exerts on what holds it: the ground, a body, the platform, a holder, a plate.
 
         In the axes of the world, about that end; ``wrench(...).about(point)`` is the same about another point. What holds the end
@@ -78,7 +78,7 @@ class Wrenches(Jointed[Robot_co]):
             end: ``"base"`` or ``"tip"``; or, of a rod that slides through holes, the number of one, from 0 at the base on.
 
         Raises:
-            ValueError: If there is no such rod or hole, or nothing holds the tip.
+            ValueError: If there is no such rod or hole, no rod is said of several that stand apart, or nothing holds the tip.
             NotImplementedError: If the assembly does not say what holds its rods.
         """
         own = self._backbone(rod)
@@ -105,7 +105,7 @@ class Wrenches(Jointed[Robot_co]):
         torque = np.stack([-shape.total_moment[:, 0, 2] for shape in shapes], axis=1)
         return self._masked(torque, torque.shape[1:])
 
-    def _backbone(self, rod: int | str) -> Backbone:
+    def _backbone(self, rod: int | str | None) -> Backbone:
         """The backbone that a rod is on."""
         every = self.assembly.backbones
         named = [own for own in every if own.name and own.name == rod]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
 from multirod.batch import Instances
+from multirod.by_name import the_only_backbone
 from multirod.inputs import Inputs
 from multirod.problem import BoundaryProblem, PosesSensed
 from multirod.results.derivatives import places_on
@@ -140,21 +141,11 @@ def rod_index(field: str, robot: Assembly, rod: int | str | None) -> int:
     """Number of a rod, from the first, which it is where a robot has one backbone and none is named."""
     names = [own.name for own in robot.rods]
     if rod is None:
-        if (apart := _backbone_count(robot)) > 1:
-            raise ValueError(f"{field} is not given: of {apart} rods that stand apart it {known_as(names)}")
-        return 0
+        return the_only_backbone(field, robot)
     index = index_of(field, rod, names)
     if index is None or index < 0:
         refuse(field, rod, known_as(names))
     return index
-
-
-def _backbone_count(robot: Assembly) -> int:
-    """How many rods stand apart; one where the robot does not say."""
-    try:
-        return len(robot.backbones)
-    except NotImplementedError:
-        return 1
 
 
 def _followed(places: NDArray[np.intp]) -> NDArray[np.intp] | slice:
