@@ -255,7 +255,8 @@ GOOD = mr.Pose(position=(0, 0, 0.1), sigma=1e-3)
         ({"unknown": {"tip_forse": mr.Prior()}}, TypeError, "unknown takes no 'tip_forse'.*did you mean 'tip_force'"),
         ({"unknown": {"tip_curvature": mr.Prior()}}, ValueError, "tip_curvature is a measurement"),
         ({"unknown": {}}, ValueError, "must name one input or several"),
-        ({"unknown": ("tip_force",)}, TypeError, "must be priors by name"),
+        ({"unknown": 0.25}, TypeError, "must be priors by name, .*or names alone"),
+        ({"unknown": ("tip_force", "tip_force")}, ValueError, "each once"),
         ({"unknown": {"tip_force": 0.25}}, TypeError, "must be a Prior"),
         ({"unknown": {"tip_force": mr.Prior(sigma=(1, 2))}}, ValueError, "Prior.sigma of tip_force"),
         (
@@ -322,6 +323,17 @@ def test_a_damped_step_is_as_long_as_it_is_to_be():
         sides = np.concatenate([r[k], root[k] @ away[k]])
         whole, damped = (np.linalg.solve(rows.T @ rows + m * np.eye(4), rows.T @ sides) for m in (0.0, mu[k]))
         np.testing.assert_allclose(np.linalg.norm(damped), part[k] * np.linalg.norm(whole), rtol=1e-6)
+
+
+@pytest.mark.parametrize("names", ["tip_force", ("tip_force",), ["tip_force"]])
+def test_of_names_alone_nothing_is_known(robot, trials, names):
+    """As with a prior that says nothing: the pose alone tells."""
+    seen = pose(trials, slice(0, 4))
+    found = mr.estimate(robot, unknown=names, measured=seen).raise_if_failed()
+    said = mr.estimate(robot, unknown={"tip_force": mr.Prior()}, measured=seen)
+    np.testing.assert_array_equal(found.value("tip_force"), said.value("tip_force"))
+    assert (found.degrees == 3).all()
+    assert (np.abs(found.value("tip_force") - trials[0][:4]) < 5 * found.sigma("tip_force")).all()
 
 
 def test_numbers_that_were_not_measured_do_not_count(robot):

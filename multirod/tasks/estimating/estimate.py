@@ -212,7 +212,7 @@ def estimate(
     robot: Robot,
     inputs: Inputs | None = None,
     *,
-    unknown: Mapping[str, Prior | Mapping[str, Prior]],
+    unknown: str | Sequence[str] | Mapping[str, Prior | Mapping[str, Prior]],
     measured: Sensor | Sequence[Sensor],
     solver: Solver | None = None,
     guess: Solution | Numbers | None = None,
@@ -229,7 +229,8 @@ def estimate(
         robot: The assembly.
         inputs: What is known of the others, made by ``robot.inputs(...)``; none are all zero.
         unknown: What is to be estimated: inputs by name, each with its ``Prior``; also by the names of rods, lines,
-            bodies or joints where inputs are taken so, ``{"force": {"plate": Prior(0, sigma=1)}}``. ``rotation`` and
+            bodies or joints where inputs are taken so, ``{"force": {"plate": Prior(0, sigma=1)}}``; names alone are of
+            what nothing is known of, as with ``Prior()``: it begins where ``inputs`` have it. ``rotation`` and
             ``translation`` of a network that says which rods are ``driven`` are theirs, unless others are named.
         measured: ``Pose``, ``Curvature``, ``ForceTorque``, ``Tension``, or several, each with ``sigma``. What is NaN is gone
             without, and ``missing`` says so.

@@ -13,13 +13,13 @@ from multirod.by_name import parts_of
 from multirod.inputs import Inputs
 from multirod.tasks.estimating.inference import block_diagonal
 from multirod.tasks.estimating.priors import Prior, Walk
-from multirod.tasks.freed import chosen, with_values
+from multirod.tasks.freed import chosen, freed, with_values
 from multirod.validation import Described, FloatArray, instance, refuse
 
 Knowledge = TypeVar("Knowledge", Prior, Walk)
 ARTICLES = {Prior: "a Prior", Walk: "a Walk"}
 EXAMPLES = {
-    Prior: "priors by name, such as {'tip_force': Prior(sigma=0.25)}",
+    Prior: "priors by name, such as {'tip_force': Prior(sigma=0.25)}, or names alone, of which nothing is known",
     Walk: "walks by name, such as {'tip_force': Walk(0.3)}",
 }
 
@@ -86,12 +86,15 @@ class Unknown(Generic[Knowledge]):
 
 def unknown_of(robot: Assembly, inputs: Inputs, unknown: object, kind: type[Knowledge]) -> Unknown[Knowledge]:
     """What is to be estimated: inputs by name, each with a ``kind``, or, where it is taken by name, with one for each of these;
-    of rods at whose bases motors are, where the robot says which have some, those alone unless others are named.
+    of rods at whose bases motors are, where the robot says which have some, those alone unless others are named. Of names alone
+    nothing is known.
 
     Raises:
         TypeError: If an unknown is no input of the robot, or what is known of it not of that kind.
         ValueError: If what is named is not there, or what is known cannot be.
     """
+    if kind is Prior and isinstance(unknown, (str, list, tuple)):
+        unknown = dict.fromkeys(freed("unknown", robot, unknown), Prior())
     if not isinstance(unknown, Mapping):
         raise TypeError(f"unknown = {unknown!r} is not allowed: must be {EXAMPLES[kind]}")
     named = {name: own for name, own in unknown.items() if isinstance(own, Mapping)}
