@@ -90,9 +90,9 @@ def test_the_whole_load_at_once_where_newton_contracts_slowly():
     assert study.alike(problem.read("unknowns")[at_once], truth.unknowns).all()
 
 
-def test_looks_by_few_steps_of_the_integrator_leave_results(monkeypatch):
-    """To the last bit where the load is gone in one step, else the step after a look may be longer or shorter by what few steps
-    leave, 1e-4 here; in a batch and alone."""
+@pytest.mark.parametrize("integrator", [study.INTEGRATOR, mr.RK45()], ids=["fixed", "chosen"])
+def test_few_steps_of_the_integrator_on_the_way_leave_results(monkeypatch, integrator):
+    """All the way but its end is looked at by few steps; in a batch and alone."""
     random, count = np.random.default_rng(3), 40
     data = [(0.00387, 0.431, 0.103, 9.0), (0.01717, 0.332, 0.113, 6.0), (0.03977, 0.174, 0.134, 3.5)]
     rods = [
@@ -102,33 +102,36 @@ def test_looks_by_few_steps_of_the_integrator_leave_results(monkeypatch):
     robot = mr.ConcentricTubes(rods)
     rotation = random.uniform(-1, 1, (count, 3)) * np.linspace(0.5, 1.5, count)[:, None]
     force = np.linspace(0.1, 0.5, count)[:, None] * np.array([0, 1, 0.5])
-    solver = mr.Shooting(integrator=study.INTEGRATOR, at_fold="stop")
+    solver = mr.Shooting(integrator=integrator, at_fold="stop")
 
     def solved(some):
         inputs = robot.inputs(rotation=rotation[some], translation=(-0.28, -0.22, -0.1), tip_force=force[some])
         return mr.solve(robot, inputs, solver=solver, threads=1)
 
-    coarse, spent = LanePass.launch, []
+    launch, spent = LanePass.launch, {True: 0, False: 0}
 
     def counted(self):
-        if self._call.steps < study.INTEGRATOR.steps and not self._call.node_count:
-            spent.append(int(self._call.problem.active.numpy().any()))
-        coarse(self)
+        call = self._call
+        if not call.node_count:
+            few = call.rtol > integrator.rtol if integrator.adaptive else call.steps < integrator.steps
+            spent[few] += int(call.problem.active.numpy().sum())
+        launch(self)
 
     monkeypatch.setattr(LanePass, "launch", counted)
-    brief, alone = solved(slice(None)), solved(slice(0, 1))
-    assert sum(spent) > 5
+    brief = solved(slice(None))
+    assert spent[True] > 1.5 * spent[False], spent
+    alone = solved(slice(0, 1))
     monkeypatch.setattr(Pace, "may_be_brief", lambda self: False)
-    spent.clear()
+    spent[True] = 0
     whole = solved(slice(None))
-    assert not spent
+    assert not spent[True]
     assert (whole.status == Status.CONVERGED).all()
     once = whole.integrations < 12
     assert 3 < once.sum() < count - 3, whole.integrations
     np.testing.assert_array_equal(alone.unknowns[0], brief.unknowns[0])
     np.testing.assert_array_equal(brief.status, whole.status)
-    np.testing.assert_array_equal(brief.integrations[once], whole.integrations[once])
-    np.testing.assert_array_equal(brief.unknowns[once], whole.unknowns[once])
+    assert np.abs(brief.integrations - whole.integrations)[once].max() <= 1
+    assert brief.integrations.sum() < 1.05 * whole.integrations.sum()
     # the tolerance of both, by the inverse of Gamma
     np.testing.assert_allclose(brief.unknowns, whole.unknowns, rtol=0, atol=1e-7)
 

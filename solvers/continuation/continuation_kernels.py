@@ -33,7 +33,8 @@ ON_THE_WAY = 1.0e-3  # of a step, how far from the equilibrium its end may be wh
 CLEARLY = 1.05  # radius of the disc that eigenvalues are not in when it is told before the equilibrium is found
 FALL = 0.1  # of the residual by Newton's last step but one, that tells so
 PATIENCE = 2  # halvings of a step, after which the equilibrium that it starts from is found to the tolerance
-FAR = 0.05  # of the way, at least, by a step that is looked at by few steps of the integrator
+FAR = 0.05  # of the way, at least, by a step that is looked at, and begun, by few steps of the integrator
+UNSETTLED = 0.03  # of a step, that Newton's last was at least, where few steps of the integrator tell the next as well
 # a step has not been looked at halfway, is, has been, is by its last integration, or waits for the equilibrium it starts from;
 # or is looked at at its first or its last quarter
 UNSEEN, LOOKING, SEEN, LAST_LOOK, POLISHING, FIRST_QUARTER, LAST_QUARTER = 0, 1, 2, 3, 4, 5, 6
@@ -75,7 +76,7 @@ class PathState:
     trial: wp.array2d[wp.float64]  # the unknowns at the goal meanwhile
     halfway: wp.array3d[wp.float64]  # Gamma there, or, where the look is the step's last integration, at the goal
     apart: wp.array[wp.float64]  # how far the equilibrium there was from that curve, of what is allowed
-    brief: wp.array[int]  # whether looks may be by few steps of the integrator
+    brief: wp.array[int]  # whether looks, and Newton's first steps, may be by few steps of the integrator
     coarsely: wp.array[int]  # whether the next integration is
     doubted: wp.array[int]  # whether Newton's first steps contracted so slowly that its quarters are looked at too
     middle: wp.array2d[wp.float64]  # unknowns of the equilibrium halfway
@@ -167,6 +168,18 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
     def longest_step(state: wp.ref[PathState], t: int) -> f64:
         return wp.min(wp.max(state.safe_step[t], state.growth * state.levels[t, 0]), state.most_step[t])
 
+    @wp.func
+    def set_pace(state: wp.ref[PathState], t: int):
+        """Whether the next integration is by few steps of the integrator: what these leave is little beside the step."""
+        far = state.goal[t] - state.levels[t, 0] >= f64(wp.static(FAR))
+        state.coarsely[t] = wp.where(far, state.brief[t], 0)
+
+    @wp.func
+    def begin_finely(state: wp.ref[PathState], t: int):
+        """Go on with all steps: what few steps left is no ratio of Newton's."""
+        state.coarsely[t] = 0
+        state.newton.merit[t] = f64(-1.0)
+
     @wp.func(inline=False)
     def aim(state: wp.ref[PathState], t: int):
         """Put the instance at its next level, its unknowns by the polynomial through the equilibria known there (Newton's
@@ -187,7 +200,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
         state.probed[t] = wp.where(goal <= state.sure_level[t], wp.static(SEEN), wp.static(UNSEEN))
         state.apart[t] = f64(0.0)
         state.doubted[t] = 0
-        state.coarsely[t] = 0
+        set_pace(state, t)
         for i in range(n):
             x = state.points[t, 0, i]
             if state.known[t] > 1:
@@ -211,12 +224,6 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
                 state.load_factor[t] = f64(1.0) - f64(4.0) * state.dip * level * (f64(1.0) - level)
         else:
             state.load_factor[t] = level
-
-    @wp.func
-    def set_pace(state: wp.ref[PathState], t: int):
-        """Whether the next look is by few steps of the integrator: what these leave is little beside the step."""
-        far = state.goal[t] - state.levels[t, 0] >= f64(wp.static(FAR))
-        state.coarsely[t] = wp.where(far, state.brief[t], 0)
 
     @wp.func(inline=False)
     def look_halfway(state: wp.ref[PathState], t: int, probed: int):
@@ -427,6 +434,7 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
     def back(state: wp.ref[PathState], t: int):
         """To the latest equilibrium."""
         put(state, t, state.levels[t, 0])
+        state.coarsely[t] = 0
         for i in range(state.points.shape[2]):
             state.newton.unknowns[t, i] = state.points[t, 0, i]
         begin(state.newton, t)
@@ -462,8 +470,14 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
                     if may_doubt(state, t):
                         most = f64(wp.static(DOUBTFUL))
                     found = iterate(state.newton, t, 0, most)
+                    few = state.coarsely[t] != 0
                     near = found == wp.static(int(Status.CONVERGED))
-                    if found == wp.static(int(Status.NOT_RUN)) and state.newton.contraction[t] > f64(wp.static(CONTRACTION)):
+                    if few and (near or state.newton.fault[t] != 0):
+                        # neither that it is an equilibrium nor that there is none: the same with all steps
+                        found = int(wp.static(int(Status.NOT_RUN)))
+                        near = False
+                        begin_finely(state, t)
+                    elif found == wp.static(int(Status.NOT_RUN)) and state.newton.contraction[t] > f64(wp.static(CONTRACTION)):
                         # the ratios after this one are to be as small as ever
                         state.doubted[t] = 1
                         state.newton.contraction[t] = f64(0.0)
@@ -471,6 +485,8 @@ def make_path(block: int = 0, border: int = 0, told: bool = False, repeats: bool
                         part = left(state, t)
                         near = part <= f64(wp.static(NEAR))
                         enough = near_enough(state, t, part, merit)
+                        if few and (near or part < f64(wp.static(UNSETTLED))):
+                            begin_finely(state, t)
                     if probed == wp.static(UNSEEN) and near:
                         if wp.static(told) or alike(state, t, wp.static(BEFORE), wp.static(BEFORE), f64(wp.static(CLEARLY))):
                             look_halfway(state, t, wp.where(enough, wp.static(LAST_LOOK), wp.static(LOOKING)))

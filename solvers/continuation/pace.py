@@ -46,7 +46,10 @@ class Pace:
         return np.where(long, int(Status.INTEGRATION_LIMIT), np.where(slow, int(Status.MAX_ITERATIONS), int(Status.NOT_RUN)))
 
     def may_be_brief(self) -> BoolArray | bool:
-        """Where they tell enough, shape (instance_count,): several rods, of paths without kinks, that hardly turn in a step."""
+        """Where they tell enough, shape (instance_count,): several rods, of paths without kinks, that hardly turn in a step.
+
+        Of one rod, Newton's method takes so few steps that those by few of the integrator's save none of the others.
+        """
         problem = self._problem
         if problem.coarse is None or not problem.may_jump or len(problem.kinks):
             return False

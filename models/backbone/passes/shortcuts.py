@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 COARSER = 5  # times fewer steps of what is on its way: of RK4, an error 600 times as large
 WORTH = 25  # steps from which that saves time: an integration takes as long as twenty beside them
 COARSE_ORDER = 4  # of the method, at least
+LOOSE, WORTH_LOOSE = 1e-5, 1e-7  # tolerance of such steps that their errors choose; that of all from which that saves time
 POSES_APART = 64  # instances from which leaving poses out saves more than two kernels cost
 
 
@@ -64,23 +65,23 @@ def without_poses(problem: "BackboneProblem", call: Struct) -> Iterator[None]:
 
 def coarse(problem: "BackboneProblem") -> LanePass | None:
     """The problem's own launch by fewer steps, of the same kernel; None where that saves little, or tells little."""
-    integrator = problem.integrator
-    steps = integrator.steps or 0
-    if (
-        steps < WORTH
-        or integrator.tableau.order < COARSE_ORDER
-        or not problem.on_host
-        or not isinstance(problem.launch, LanePass)
-    ):
+    integrator, steps = problem.integrator, problem.integrator.steps
+    worth = integrator.rtol <= WORTH_LOOSE if steps is None else steps >= WORTH
+    if not worth or integrator.tableau.order < COARSE_ORDER or not problem.on_host or not isinstance(problem.launch, LanePass):
         return None
     call = problem.buffers.call()
-    call.steps, call.step_multiple = float(-(-steps // COARSER)), 1.0
+    if steps is None:
+        call.rtol, call.atol = LOOSE, max(integrator.atol, LOOSE * integrator.atol / integrator.rtol)
+    else:
+        call.steps, call.step_multiple = float(-(-steps // COARSER)), 1.0
     return problem.lane_pass(problem.launch.features, call, columns=problem.launch.columns)
 
 
 def coarse_turning(problem: "BackboneProblem") -> FloatArray:
     """By how much rods turn in one of its steps: as they are at rest, as a load curls an end over ``L/sqrt(F L^2/EI)``,
-    as they are twisted, or as waves in a medium do [rad]."""
+    as they are twisted, or as waves in a medium do [rad]; 0 where their errors choose them."""
+    if problem.integrator.adaptive:
+        return np.zeros(problem.instance_count)
     sizes, steps = problem.sizes, -(-(problem.integrator.steps or 1) // COARSER)
     along = sizes.furthest_end() * sizes.curvature
     return np.asarray(np.max([along, np.sqrt(problem.load_scale()), along * 0 + sizes.twist, sizes.waves()], axis=0) / steps)
