@@ -562,7 +562,16 @@ def hexapod_start():
         ({"limits": mr.Limits(tip_fource=(0, 1))}, TypeError, "Limits takes no 'tip_fource'"),
         ({"limits": mr.Limits(rotation=((0, 1), 2))}, ValueError, "Limits.rotation .* a number or 3 of them"),
         ({"prefer": "fastest"}, ValueError, "prefer .* must be one of 'smallest motion'"),
-        ({"prefer": "middle"}, ValueError, "prefer .* needs limits on both sides"),
+        (
+            {"prefer": "middle"},
+            ValueError,
+            r"prefer .* needs limits on both sides .*: rotation\[0\], rotation\[1\], rotation\[2\] have none",
+        ),
+        (
+            {"prefer": "middle", "limits": mr.Limits(rotation=([-4, -np.inf, -4], 4))},
+            ValueError,
+            r"a middle: rotation\[1\] has none",
+        ),
         ({"starts": -1}, ValueError, "starts = -1"),
         ({"tolerance": 0.0}, ValueError, "tolerance = 0.0 .* > 0"),
     ],

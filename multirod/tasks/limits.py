@@ -387,12 +387,15 @@ def nearest(rows: LimitRows, values: FloatArray, unit: FloatArray) -> FloatArray
 
 
 def middle(rows: LimitRows) -> FloatArray:
-    """(12) The point in the middle of all ranges, in the sense of least squares, shape (k,); NaN where a number has no range."""
+    """(12) The point in the middle of all ranges, in the sense of least squares, shape (k,); NaN the numbers that have no range."""
     centred = np.isfinite(rows.low) & np.isfinite(rows.high)
     matrix = rows.matrix[centred]
-    if not len(matrix) or np.linalg.matrix_rank(matrix) < matrix.shape[1]:
+    if not len(matrix):
         return np.full(rows.matrix.shape[1], np.nan)
     half = 0.5 * (rows.high - rows.low)[centred, None]
     size = np.maximum(half, 1e-12)
     centre = 0.5 * (rows.low + rows.high)[centred]
-    return np.asarray(np.linalg.lstsq(matrix / size, centre / size[:, 0])[0])
+    result = np.asarray(np.linalg.lstsq(matrix / size, centre / size[:, 0])[0])
+    along = np.linalg.svd(matrix)[2][np.linalg.matrix_rank(matrix) :]  # what has no range
+    result[(np.abs(along) > ROUNDING_BEYOND).any(axis=0)] = np.nan
+    return result

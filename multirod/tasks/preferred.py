@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from multirod.assembly import Assembly
-from multirod.tasks.freed import columns
+from multirod.tasks.freed import columns, labels_of
 from multirod.tasks.limits import LimitRows, middle
 from multirod.validation import FloatArray, refuse
 
@@ -23,8 +23,11 @@ def centre_of(
     if prefer != "middle":
         return None
     centre = middle(rows)
-    if np.isnan(centre).any():
-        refuse(field, prefer, "needs limits on both sides of every freed input, which have a middle")
+    if (lost := np.isnan(centre)).any():
+        sizes = [spec.size(robot.rod_count) for name in free for spec in robot.input_specs if spec.name == name]
+        labels = np.array(labels_of(robot, free, sizes))[columns(free, sizes)][lost]
+        missing = f"{', '.join(labels)} {'have' if len(labels) > 1 else 'has'} none"
+        refuse(field, prefer, f"needs limits on both sides of every freed input, which have a middle: {missing}")
     return centre
 
 
