@@ -30,6 +30,7 @@ _OTHER_NAMES: dict[str, tuple[str, ...]] = {
         ("diameter", "outer_diameter"): "d od radius r outer_radius",
         ("inner_diameter",): "id inner_radius",
         ("density", "linear_density"): "rho mass density",
+        ("thickness",): "height",
         ("linear_density",): "mass_per_length mass_per_metre mass_per_meter",
         ("length",): "l arclength",
         ("area",): "cross_section hollow",
@@ -193,8 +194,8 @@ def meant(name: str, options: Iterable[str]) -> str:
     options = tuple(options)
     if name in _TAKEN_BY:
         return f"; {_TAKEN_BY[name]}"
-    if name in _OF_STRIPS and "bending_stiffness" in options:
-        return "; of a strip, E times w t^3/12 and t w^3/12 are its bending_stiffness, G times w t^3/3 its torsional_stiffness"
+    if name in _OF_STRIPS and ("bending_stiffness" in options or "outer_diameter" in options or "diameter" in options):
+        return "; Rod.strip(length=, width=, thickness=, young_modulus=, ...) makes a rod of a rectangular section"
     close = [option for option in options if option in _OTHER_NAMES.get(name.lower(), ())]
     close = close or get_close_matches(name, options, 1) or [o for o in options if name.lower() == o.lower()]
     if not close and "ax" in options and name in _OF_AXES | _OF_FIGURES:  # of a plot

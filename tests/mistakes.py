@@ -182,8 +182,8 @@ GROUPS: dict[str, list[Mistake]] = {
             "moduli given to Rod",
             "mr.Rod(length=0.4, young_modulus=60e9, shear_modulus=23e9)",
             TypeError,
-            "Rod.wire and Rod.tube take moduli",
-            "Rod.tube or Rod.wire",
+            "Rod.wire, Rod.tube and Rod.strip take moduli",
+            "Rod.tube, Rod.wire or Rod.strip",
         ),
         Mistake(
             "no stiffness at all",

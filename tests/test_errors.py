@@ -127,9 +127,7 @@ def test_what_takes_no_such_argument_says_what_it_takes() -> None:
         mr.Chamber((6e-3, 0), area=2e-5, wall=1e-3)
     with pytest.raises(TypeError, match="'stiffness': an offset is one pair.*; did you mean 'axial_stiffness'\\?$"):
         mr.Tendon((6e-3, 0), stiffness=1.0)
-    with pytest.raises(
-        TypeError, match=r"'thickness': .*; of a strip, E times w t\^3/12 and t w\^3/12 are its bending_stiffness"
-    ):
+    with pytest.raises(TypeError, match=r"'thickness': .*; Rod.strip\(length=, width=, thickness=, .*rectangular section"):
         mr.Rod(length=0.3, thickness=5e-4)
     rods = [mr.Rod(**PROPERTIES)] * 2
     with pytest.raises(ValueError, match=r"Rod.sections = .* of rods in a row, theirs: \[\*first.sections, \*second.sections\]"):
@@ -574,7 +572,7 @@ def test_tracker_dt(robot: mr.SingleRod, dt: Any) -> None:
 
 def test_questions_to_a_solution(robot: mr.SingleRod) -> None:
     solution = mr.solve(robot, robot.inputs(tip_force=(1, 0, 0)), solver=mr.Shooting(integrator=INTEGRATOR))
-    for rod in ("outer", 1, -2, 0.0, None):
+    for rod in ("outer", 1, -2, 0.0):
         with refusal("rod", rod, "below 1"):
             solution.rod(rod)
     for nodes in (1, 0, 2.0, "3", True):

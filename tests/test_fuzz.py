@@ -258,6 +258,8 @@ def constructors() -> Iterator[Target]:
     yield Target("Section", mr.Section, PROPERTIES, *PROPERTIES, *SHAPE)
     tube = {"length": 0.4, "outer_diameter": 3e-3, "inner_diameter": 1e-3, "young_modulus": 7e10, "shear_modulus": 2.7e10}
     yield Target("Rod.tube", mr.Rod.tube, tube, *tube, "precurvature", "density", "name")
+    strip = {"length": 0.4, "width": 5e-3, "thickness": 1e-3, "young_modulus": 7e10, "shear_modulus": 2.7e10}
+    yield Target("Rod.strip", mr.Rod.strip, strip, *strip, "precurvature", "density", "name")
     yield Target("SingleRod", mr.SingleRod, {"rod": wire()}, "rod", "base")
     yield Target("ConcentricTubes", mr.ConcentricTubes, {"tubes": [wire()]}, "tubes", "base")
     parallel = {"legs": [wire()] * 6, "base": circle(6, 0.1), "platform": circle(6, 0.05)}

@@ -1,6 +1,7 @@
 """Tables of objects: the arguments that make them, but for those that are the default."""
 
 import warnings
+from collections.abc import Callable
 from dataclasses import fields
 from inspect import Parameter
 from typing import Any, cast
@@ -35,8 +36,8 @@ def described(thing: object, where: str, *, functions: bool) -> dict[str, Any]:
         )
     parts = PARTS.get(kind, {})
     arguments = _arguments(kind, thing, where)
-    if isinstance(thing, Rod) and (as_tube := _as_tube(thing)) is not None:
-        kind, arguments = "Rod.tube", as_tube
+    if isinstance(thing, Rod) and (as_made := _as_made(thing)) is not None:
+        kind, arguments = as_made
     result: dict[str, Any] = {"kind": kind}
     for name, (value, default) in arguments.items():
         field = f"{where}.{name}"
@@ -86,17 +87,18 @@ def _arguments(kind: str, thing: object, where: str) -> dict[str, tuple[Any, Any
     return {name: (readers[name](thing) if name in readers else getattr(thing, name), default) for name, default in own.items()}
 
 
-def _as_tube(rod: Rod) -> dict[str, tuple[Any, Any]] | None:
-    """Values and defaults of what makes a rod by its cross-section and material, if just that makes the same bits."""
+def _as_made(rod: Rod) -> tuple[str, dict[str, tuple[Any, Any]]] | None:
+    """What makes a rod by its cross-section and material, and its values and defaults, if just that makes the same bits."""
     material, sections = rod._material, rod.sections
     curves = [section.precurvature for section in sections if not isinstance(section.precurvature, Profile)]
     if material is None or len(curves) < len(sections) or rod.length.ndim:
         return None
+    make: Callable[..., Rod] = Rod.strip if material.of_strip else Rod.tube
+    sizes: dict[str, Any] = material.of_strip or {"outer_diameter": rod.outer_diameter, "inner_diameter": rod.inner_diameter}
     pieces = [[float(section.length), curve.tolist()] for section, curve in zip(sections, curves, strict=True)]
     values: dict[str, Any] = {
         "length": float(rod.length),
-        "outer_diameter": rod.outer_diameter,
-        "inner_diameter": rod.inner_diameter,
+        **sizes,
         "young_modulus": material.young,
         "shear_modulus": material.shear,
         "extensible": any(np.isfinite(section.axial_stiffness).any() for section in sections),
@@ -109,7 +111,7 @@ def _as_tube(rod: Rod) -> dict[str, tuple[Any, Any]] | None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            twin = Rod.tube(**values)
+            twin = make(**values)
         except (TypeError, ValueError):
             return None
     same = len(twin.sections) == len(sections) and all(
@@ -119,8 +121,8 @@ def _as_tube(rod: Rod) -> dict[str, tuple[Any, Any]] | None:
     )
     if not same or rod.members or rod.loads:
         return None
-    known = parameters(Rod.tube)
-    return {name: (value, known[name]) for name, value in values.items()}
+    known = parameters(make)
+    return f"Rod.{make.__name__}", {name: (value, known[name]) for name, value in values.items()}
 
 
 def _plain(field: str, name: str, value: object, functions: bool) -> object:

@@ -45,12 +45,19 @@ class Material(NamedTuple):
         shear: Shear modulus [Pa].
         density: [kg/m^3].
         shear_given: Whether the shear modulus was, and is not made of Poisson's ratio.
+        sides: Width and thickness of a strip [m].
     """
 
     young: FloatArray
     shear: FloatArray
     density: float
     shear_given: bool = True
+    sides: "tuple[float | FloatArray, float | FloatArray] | None" = None
+
+    @property
+    def of_strip(self) -> "dict[str, float | FloatArray]":
+        """Sizes of a strip, by their names; none of what is round."""
+        return {} if self.sides is None else dict(zip(("width", "thickness"), self.sides, strict=True))
 
 
 NEAR = 10  # times the length, up to where a load may be meant for a longer rod
@@ -65,7 +72,8 @@ def of_rod(rod: "Rod", material: Material | None) -> None:
     odd = LENGTH.check("Rod.length", rod.length)
     if material is not None:
         odd |= _of_material(material)
-    odd = odd or _of_diameter(rod)
+    sizes = {"outer_diameter": rod.outer_diameter} | ({} if material is None else material.of_strip)
+    odd = odd or any(size is not None and _of_size(rod, name, size) for name, size in sizes.items())
     if not odd:
         _of_stiffness(rod, material)
     for section in rod.sections:
@@ -114,7 +122,7 @@ def of_nothing(field: str, profile: Profile) -> None:
 
 
 def _of_material(material: Material) -> bool:
-    E, G, density, shear_given = material
+    E, G, density, shear_given, _ = material
     ratio = float(np.min(G))
     if 0.0 < ratio <= 0.5 and np.all(ratio == G):
         say(f"Rod.shear_modulus = {ratio:g} Pa is nothing; if it is Poisson's ratio, give poisson_ratio={ratio:g} instead")
@@ -142,23 +150,26 @@ def _of_material(material: Material) -> bool:
     return False
 
 
-def _of_diameter(rod: "Rod") -> bool:
-    if rod.outer_diameter is None:
-        return False
+def _of_size(rod: "Rod", name: str, size: "float | FloatArray") -> bool:
     with np.errstate(over="ignore"):
-        slender = rod.length / rod.outer_diameter
+        slender = rod.length / size
     odd = SLENDER.odd(slender)
     if odd is None:
         return False
-    outer, length = at_first(slender == odd, rod.outer_diameter, rod.length)
-    what = "is thicker than the rod is long" if outer > length else "is a hundred thousandth of the length and less"
+    outer, length = at_first(slender == odd, size, rod.length)
+    what = (
+        f"is {'wider' if name == 'width' else 'thicker'} than the rod is long"
+        if outer > length
+        else "is a hundred thousandth of the length and less"
+    )
     found = f"; if it is in mm, give {1e-3 * outer:.6g}" if SLENDER.odd(1e3 * length / outer) is None and outer > length else ""
-    say(f"Rod.outer_diameter = {outer:.6g} m {what}, {length:.6g} m{found}")
+    say(f"Rod.{name} = {outer:.6g} m {what}, {length:.6g} m{found}")
     return True
 
 
 def _of_stiffness(rod: "Rod", material: Material | None) -> None:
-    EI = np.array([float(np.max(section.bending_stiffness)) for section in rod.sections])
+    easily = np.min if material is not None and material.of_strip else np.max  # a wide one bends the other way
+    EI = np.array([float(np.max(easily(section.bending_stiffness, axis=-1))) for section in rod.sections])
     outer = rod.outer_diameter
     if material is None:
         if outer is not None and (I := second_moment(rod)).all():
@@ -185,9 +196,10 @@ def _of_stiffness(rod: "Rod", material: Material | None) -> None:
             mm = f"if EI is in N mm^2, give {1e-6 * own:.6g}" if SOFT.odd(1e-6 * force) is None else "it is in N m^2"
             say(f"Rod.bending_stiffness = {own:.6g} N m^2 at length = {_length(rod)} {what}; {mm}")
         else:
-            made = f"young_modulus = {largest(material.young):.6g} Pa, outer_diameter = {largest(outer):.6g} m, "
-            made += f"length = {_length(rod)}"
-            say(f"Rod of {made} {what}; are diameters and length in m, moduli in Pa?")
+            sizes = material.of_strip or {"outer_diameter": 0.0 if outer is None else outer}
+            made = ", ".join(f"{name} = {largest(size):.6g} m" for name, size in sizes.items())
+            made = f"young_modulus = {largest(material.young):.6g} Pa, {made}, length = {_length(rod)}"
+            say(f"Rod of {made} {what}; are {'sides' if material.of_strip else 'diameters'} and length in m, moduli in Pa?")
         return
     _of_stretch(rod)
 
@@ -283,7 +295,7 @@ def _of_mass(rod: "Rod", material: Material | None) -> None:
                 most = largest(section.magnetisation)
                 say(
                     f"Rod.magnetisation = {most:.6g} A m is {most / area:.3g} A/m, more than any magnet; it is the magnetic "
-                    f"moment per length: if it is in A/m, give it to Rod.tube or Rod.wire, or {most * area:.6g}"
+                    f"moment per length: if it is in A/m, give it to Rod.tube, Rod.wire or Rod.strip, or {most * area:.6g}"
                 )
                 return
 

@@ -8,7 +8,16 @@ import numpy as np
 from multirod import plausibility
 from multirod.naming import hinted
 from multirod.read_only import ReadOnly
-from multirod.rod.cross_section import Diameter, diameter_of, diameters, round_section, shear_modulus_of, stretching, within
+from multirod.rod.carried import lines_of, loads_of, members_of
+from multirod.rod.cross_section import (
+    Diameter,
+    diameter_of,
+    diameters,
+    moduli_of,
+    rectangle,
+    round_section,
+)
+from multirod.rod.of_material import of_material
 from multirod.rod.section import OfSections, Section, by_section
 from multirod.types import Numbers, Precurvature
 from multirod.validation import (
@@ -16,11 +25,8 @@ from multirod.validation import (
     SMALLEST,
     Described,
     FloatArray,
-    array,
-    boolean,
     frozen,
     nonnegative_float,
-    positive_array,
     positive_float,
     refuse,
 )
@@ -31,12 +37,18 @@ if TYPE_CHECKING:
     from multirod.models.backbone.members.member import Member
 
 
-_NAMED = "all is named, Rod(length=, bending_stiffness=, torsional_stiffness=, precurvature=); Rod.wire and Rod.tube take moduli"
-_OF_MATERIAL = "all is named, such as length=, outer_diameter= of a tube, diameter= of a wire, young_modulus=, precurvature="
+_NAMED = (
+    "all is named, Rod(length=, bending_stiffness=, torsional_stiffness=, precurvature=); Rod.wire, Rod.tube and Rod.strip take "
+    "moduli"
+)
+_OF_MATERIAL = (
+    "all is named, such as length=, outer_diameter= of a tube, diameter= of a wire, width= and thickness= of a strip, "
+    "young_modulus=, precurvature="
+)
 
 
 class Rod(OfSections, ReadOnly):
-    """One elastic rod or tube: its length, stiffnesses and shape at rest; ``Rod.tube`` makes one from diameters and moduli.
+    """One elastic rod or tube: its length, stiffnesses and shape at rest; ``Rod.tube``, ``wire``, ``strip`` make it from moduli.
 
     Give one set of stiffnesses with a ``length``, or ``sections``, along which frames are continuous. Material frame: z along the
     unsheared tangent, x and y the principal axes of bending. Any parameter may have leading batch axes; they broadcast.
@@ -123,7 +135,7 @@ class Rod(OfSections, ReadOnly):
         else:
             for key in ("length", "bending_stiffness", "torsional_stiffness"):
                 if key not in properties:
-                    raise TypeError(f"Rod needs {key} (or sections; Rod.wire and Rod.tube take moduli and diameters)")
+                    raise TypeError(f"Rod needs {key} (or sections; Rod.wire, Rod.tube and Rod.strip take moduli and sizes)")
             self.sections = by_section(properties)
         if (self.length < SMALLEST).any():
             refuse(
@@ -131,10 +143,10 @@ class Rod(OfSections, ReadOnly):
                 Described(self.length.tolist()),
                 f"must be from {SMALLEST:g} to {LARGEST:g} m, all sections together",
             )
-        self.members = _members(members)
+        self.members = members_of(members)
         self.discs = None if discs is None else positive_float("Rod.discs", discs)
-        self.lines = _lines(lines, self)
-        self.loads = _loads(loads)
+        self.lines = lines_of(lines, self)
+        self.loads = loads_of(loads)
         self.outer_diameter: Diameter | None
         self.inner_diameter: Diameter | None
         self.outer_diameter, self.inner_diameter = diameters(outer_diameter, inner_diameter)
@@ -208,36 +220,16 @@ class Rod(OfSections, ReadOnly):
         outer, inner = diameters(outer_diameter, inner_diameter)
         if outer is None or inner is None:
             refuse("Rod.outer_diameter" if outer is None else "Rod.inner_diameter", None, "must be a number")
-        E = positive_array("Rod.young_modulus", young_modulus)
-        G = shear_modulus_of(E, shear_modulus, poisson_ratio)
-        rho = nonnegative_float("Rod.density", density)
-        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            I, A = round_section(E, G, outer, inner)
-            EI, GJ, mass = E * I, G * 2 * I, rho * A
-        for field_name, given, result in (("young_modulus", young_modulus, EI), ("shear_modulus", shear_modulus, GJ)):
-            if not within(result):
-                refuse(f"Rod.{field_name}", given, f"must make EI and GJ from {SMALLEST:g} to {LARGEST:g} N m^2")
-        stiff: dict[str, FloatArray] = {}
-        if boolean("Rod.extensible", extensible):
-            EA, GA = stretching(E, G, A, np.asarray(inner) / outer)
-            if not (within(EA) and within(GA)):
-                refuse("Rod.young_modulus", young_modulus, f"must make EA and GA from {SMALLEST:g} to {LARGEST:g} N")
-            stiff = {"axial_stiffness": EA, "shear_stiffness": GA[..., None]}
-        if not (mass <= LARGEST).all():
-            refuse("Rod.density", density, f"must make the mass per length at most {LARGEST:g} kg/m")
-        if magnetisation is not None:
-            magnetisation = array("Rod.magnetisation", magnetisation, (3,))
-            plausibility.of_tube_magnetisation(magnetisation)
-        rod = cls.__new__(cls)
-        rod._material = plausibility.Material(E, G, rho, shear_given=poisson_ratio is None)
-        rod.__init__(  # type: ignore[misc]  # which says what is not plausible of moduli by their own names
+        E, G = moduli_of(young_modulus, shear_modulus, poisson_ratio)
+        return of_material(
+            cls,
+            plausibility.Material(E, G, nonnegative_float("Rod.density", density), shear_given=poisson_ratio is None),
+            lambda: round_section(E, G, outer, inner),
+            extensible=extensible,
+            given={"young_modulus": young_modulus, "shear_modulus": shear_modulus, "density": density},
+            magnetisation=magnetisation,
             length=length,
-            bending_stiffness=EI[..., None],
-            torsional_stiffness=GJ,
-            **stiff,
             precurvature=precurvature,
-            linear_density=mass,
-            magnetisation=None if magnetisation is None else A[..., None] * magnetisation,
             outer_diameter=outer,
             inner_diameter=inner,
             foundation=foundation,
@@ -247,7 +239,6 @@ class Rod(OfSections, ReadOnly):
             loads=loads,
             name=name,
         )
-        return rod
 
     @classmethod
     @hinted(_OF_MATERIAL)
@@ -283,11 +274,7 @@ class Rod(OfSections, ReadOnly):
             density: Mass per volume [kg/m^3].
             magnetisation: As for ``Rod.tube``, per volume [A/m].
             foundation: As for ``Rod``, per length of the rod.
-            members: As for ``Rod``.
-            lines: As for ``Rod``.
-            discs: As for ``Rod``.
-            loads: As for ``Rod``.
-            name: As for ``Rod``.
+            members, lines, discs, loads, name: As for ``Rod``.
 
         Raises:
             ValueError: If a value is out of range.
@@ -314,6 +301,74 @@ class Rod(OfSections, ReadOnly):
             name=name,
         )
 
+    @classmethod
+    @hinted(_OF_MATERIAL)
+    def strip(
+        cls,
+        *,
+        length: Numbers,
+        width: Numbers,
+        thickness: Numbers,
+        young_modulus: Numbers,
+        shear_modulus: Numbers | None = None,
+        poisson_ratio: float | None = None,
+        extensible: bool = False,
+        precurvature: Precurvature | None = None,
+        density: float = 0.0,
+        magnetisation: Numbers | None = None,
+        foundation: Numbers | None = None,
+        members: Sequence["Member"] = (),
+        lines: Sequence["Line"] = (),
+        discs: float | None = None,
+        loads: Sequence["Load"] = (),
+        name: str = "",
+    ) -> "Rod":
+        """A solid strip of rectangular section, ``width`` along its x axis and ``thickness`` along y: it bends easily about x.
+
+        ``EI_x = E w t^3/12``, ``EI_y = E t w^3/12``, and ``GJ`` by Saint-Venant's series (``docs/model.md``, 5b, 5c). It has no
+        outer diameter: its strain is not told, and it is drawn round.
+
+        Args:
+            length: Arclength [m].
+            width: Of the section, along x [m], (...).
+            thickness: Of the section, along y [m], (...); either may be the larger one.
+            young_modulus: ``E`` [Pa], (...).
+            shear_modulus: ``G`` [Pa].
+            poisson_ratio: Instead, ``nu = E/(2G) - 1``.
+            extensible: As for ``Rod.tube``; here ``k = 10 (1 + nu) / (12 + 11 nu)``.
+            precurvature: As for ``Rod``.
+            density: Mass per volume [kg/m^3].
+            magnetisation: As for ``Rod.tube``, per volume [A/m].
+            foundation: As for ``Rod``, per length of the rod.
+            members, lines, discs, loads, name: As for ``Rod``.
+
+        Raises:
+            ValueError: If a value is out of range.
+            TypeError: If both of ``shear_modulus`` and ``poisson_ratio`` are given.
+
+        Warns:
+            PlausibilityWarning: Of what is allowed and hardly meant, such as a width in mm.
+        """
+        wide, thick = diameter_of("Rod.width", width), diameter_of("Rod.thickness", thickness)
+        E, G = moduli_of(young_modulus, shear_modulus, poisson_ratio)
+        rho, shear_given = nonnegative_float("Rod.density", density), poisson_ratio is None
+        return of_material(
+            cls,
+            plausibility.Material(E, G, rho, shear_given=shear_given, sides=(wide, thick)),
+            lambda: rectangle(E, G, wide, thick),
+            extensible=extensible,
+            given={"young_modulus": young_modulus, "shear_modulus": shear_modulus, "density": density},
+            magnetisation=magnetisation,
+            length=length,
+            precurvature=precurvature,
+            foundation=foundation,
+            members=members,
+            lines=lines,
+            discs=discs,
+            loads=loads,
+            name=name,
+        )
+
     @property
     def length(self) -> FloatArray:
         """Arclength of the whole rod [m], shape (...)."""
@@ -323,21 +378,6 @@ class Rod(OfSections, ReadOnly):
     def carried(self) -> "tuple[Member, ...]":
         """Members and lines: all that adds to the energy of its sections."""
         return (*self.members, *self.lines)
-
-    @property
-    def has_mass(self) -> bool:
-        """Whether gravity acts on any of its sections."""
-        return any(np.any(section.linear_density) for section in self.sections)
-
-    @property
-    def is_magnetised(self) -> bool:
-        """Whether a magnetic field acts on any of its sections."""
-        return any(np.any(section.magnetisation) for section in self.sections)
-
-    @property
-    def is_embedded(self) -> bool:
-        """Whether an elastic medium is around any of its sections."""
-        return any(np.any(section.foundation) for section in self.sections)
 
     def _repr_html_(self) -> str:
         from multirod.results import html
@@ -356,41 +396,3 @@ class Rod(OfSections, ReadOnly):
             made = f"EI {EI}, GJ {float(first.torsional_stiffness):.4g} N m^2"
         lines = f", {len(self.lines)} line{'s' * (len(self.lines) > 1)}" if self.lines else ""
         return f"Rod({label}{size}, {made}{lines})"
-
-
-def _members(given: object) -> "tuple[Member, ...]":
-    from multirod.models.backbone.members.member import Member
-
-    if not isinstance(given, (list, tuple)) or not all(isinstance(member, Member) for member in given):
-        refuse("Rod.members", given, "must be a list of Member")
-    return tuple(given)
-
-
-def _loads(given: object) -> "tuple[Load, ...]":
-    if isinstance(given, (list, tuple)) and not given:
-        return ()
-    from multirod.models.backbone.kernels.loads.load import Load
-
-    if not isinstance(given, (list, tuple)) or not all(isinstance(load, Load) for load in given):
-        refuse("Rod.loads", given, "must be a list of Load")
-    kinds = [type(load).__name__ for load in given]
-    if len(set(kinds)) < len(kinds):
-        refuse("Rod.loads", kinds, "must be one of each kind")
-    return tuple(given)
-
-
-def _lines(given: object, rod: Rod) -> "tuple[Line, ...]":
-    if isinstance(given, (list, tuple)) and not given:
-        return ()
-    from multirod.models.backbone.members.line_kinds import refuse_beside_friction, refuse_redundant
-    from multirod.models.backbone.members.lines import Line
-
-    if not isinstance(given, (list, tuple)) or not all(isinstance(line, Line) for line in given):
-        refuse("Rod.lines", given, "must be a list of lines, such as Tendon")
-    names = [line.name for line in given if line.name]
-    for name in names:
-        if names.count(name) > 1:
-            refuse("Rod.lines", names, f"must have names of their own, and {name!r} is there twice")
-    refuse_redundant(given, any(np.isfinite(section.axial_stiffness).any() for section in rod.sections))
-    refuse_beside_friction(given, rod.members)
-    return tuple(line.on(rod.sections, rod.discs or 0.0) for line in given)

@@ -176,6 +176,23 @@ NAMES = tuple(item.name for item in fields(Section) if not item.name.startswith(
 class OfSections(Asked):
     """What has numbers by section, and says so where it is asked for one of them itself."""
 
+    sections: tuple[Section, ...]
+
+    @property
+    def has_mass(self) -> bool:
+        """Whether gravity acts on any of its sections."""
+        return any(np.any(section.linear_density) for section in self.sections)
+
+    @property
+    def is_magnetised(self) -> bool:
+        """Whether a magnetic field acts on any of its sections."""
+        return any(np.any(section.magnetisation) for section in self.sections)
+
+    @property
+    def is_embedded(self) -> bool:
+        """Whether an elastic medium is around any of its sections."""
+        return any(np.any(section.foundation) for section in self.sections)
+
     @classmethod
     def _hint(cls, name: str) -> str:
         if name in NAMES:

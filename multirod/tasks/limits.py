@@ -387,15 +387,13 @@ def nearest(rows: LimitRows, values: FloatArray, unit: FloatArray) -> FloatArray
 
 
 def middle(rows: LimitRows) -> FloatArray:
-    """(12) The point in the middle of all ranges, in the sense of least squares, shape (k,); NaN the numbers that have no range."""
+    """(12) The point in the middle of all ranges, in the sense of least squares, (k,); NaN the numbers that have no range."""
     centred = np.isfinite(rows.low) & np.isfinite(rows.high)
-    matrix = rows.matrix[centred]
+    matrix, low, high = rows.matrix[centred], rows.low[centred], rows.high[centred]
     if not len(matrix):
         return np.full(rows.matrix.shape[1], np.nan)
-    half = 0.5 * (rows.high - rows.low)[centred, None]
-    size = np.maximum(half, 1e-12)
-    centre = 0.5 * (rows.low + rows.high)[centred]
-    result = np.asarray(np.linalg.lstsq(matrix / size, centre / size[:, 0])[0])
+    size = np.maximum(0.5 * (high - low), 1e-12)
+    result = np.asarray(np.linalg.lstsq(matrix / size[:, None], 0.5 * (low + high) / size)[0])
     along = np.linalg.svd(matrix)[2][np.linalg.matrix_rank(matrix) :]  # what has no range
     result[(np.abs(along) > ROUNDING_BEYOND).any(axis=0)] = np.nan
     return result
