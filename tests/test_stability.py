@@ -12,6 +12,7 @@ from test_parallel_rods import LOADS, SCENES, actuation, ring
 import multirod as mr
 from multirod.models.backbone.stability.condensing.by_nodes import compliance_form, condensed_form
 from multirod.models.backbone.stability.condensing.forms import form_of
+from multirod.models.backbone.stability.node_numbers import nodes_for
 from multirod.models.backbone.stability.stability import BackboneStability
 from multirod.models.held.stability import TipByWrench
 from multirod.solvers.continuation.natural import natural_branch
@@ -81,7 +82,38 @@ def test_nodes_are_as_close_as_the_load_asks_for():
 )
 def test_no_more_nodes_than_that_where_steps_are_equal(rods, steps, segments, nodes):
     problem = SimpleNamespace(rods=[None] * rods, integrator=SimpleNamespace(steps=steps))
-    assert BackboneStability._nodes(SimpleNamespace(problem=problem), np.array([segments])) == nodes
+    assert nodes_for(problem, np.array([segments])) == nodes
+
+
+def test_what_many_are_told_by_one_step_between_two_nodes_is_as_by_all(monkeypatch):
+    """Three tubes ever more curved, turned half round, until they lose stability: only what is near there is asked for all."""
+    count = 80
+    curvatures = np.linspace(3, 8, count)
+    bent = np.zeros((3, count, 3))
+    bent[..., 0] = curvatures * (1 - 0.2 * np.arange(3))[:, None]
+    rods = [
+        mr.Rod(
+            length=0.4 - 0.1 * k,
+            bending_stiffness=0.01 * (1 + k),
+            torsional_stiffness=0.0077 * (1 + k),
+            precurvature=bent[k],
+        )
+        for k in range(3)
+    ]
+    robot = mr.ConcentricTubes(rods)
+    inputs = robot.inputs(rotation=(0, np.pi, 0), translation=(-0.06, -0.04, -0.02), tip_force=(0, 0.05, 0.02))
+    integrator = mr.RK4(30)
+    found = mr.solve(robot, inputs, solver=mr.Shooting(integrator=integrator), guess=np.zeros(5)).raise_if_failed()
+    problem = robot.problem(inputs, integrator=integrator)
+    problem.write("unknowns", problem.adopt(found.unknowns))
+    problem.integrate()
+    by_all = problem.stability._unstable()
+    asked, every = [], BackboneStability._unstable
+    monkeypatch.setattr(BackboneStability, "_unstable", lambda own: asked.append(own.problem.instance_count) or every(own))
+    np.testing.assert_array_equal(problem.stability.unstable(), by_all)
+    assert 10 < by_all.sum() < count - 10
+    assert len(asked) == 1
+    assert by_all.sum() <= asked[0] < by_all.sum() + 5
 
 
 def test_heavy_column():

@@ -1,7 +1,6 @@
 """Stability of one backbone: its second variation by columns at nodes, its potential, and what its rods say beforehand."""
 
 from collections.abc import Callable
-from functools import cache
 from math import ceil
 from typing import TYPE_CHECKING, TypeVar
 
@@ -23,8 +22,10 @@ from multirod.models.backbone.stability.condensing.second_variation import (
 from multirod.models.backbone.stability.condensing.tensions import with_conditions
 from multirod.models.backbone.stability.in_pieces import form_in_pieces
 from multirod.models.backbone.stability.mode_bounds import ModeBounds, may_be_bounded
-from multirod.models.backbone.stability.sure import SureStability, may_be_sure
+from multirod.models.backbone.stability.node_numbers import nodes_for, number_for
+from multirod.models.backbone.stability.sure import SureStability, may_be_sure, surely_stable
 from multirod.models.backbone.terms import judging
+from multirod.problem import FEW
 from multirod.profile import DEGREE
 from multirod.rod import DENSITY
 from multirod.segments import Breakpoints
@@ -36,16 +37,10 @@ if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 T = TypeVar("T")
-FEWEST_NODES = 9
 MOST_NODES_AT_FIRST = 33
 MOST_NODES_IN_A_LAUNCH = 129  # of few rods: asking step by step takes as long as these
-APART = 4  # segments, by which numbers of few nodes differ: what poses close by call for is mostly the same then
+MANY = 64  # instances, of which it is first asked which are surely stable
 OFTEN = 8  # solves of one problem, from which a kernel pays that tells only what is surely stable
-
-
-@cache
-def _divisors(steps: int) -> NDArray[np.int_]:
-    return np.array([part for part in range(1, steps + 1) if steps % part == 0])
 
 
 class BackboneStability(StabilityAnalysis):
@@ -127,9 +122,8 @@ class BackboneStability(StabilityAnalysis):
         problem = self.problem
         if not problem.judged_often or problem.breakpoints:
             return None
-        own: SureStability | None = problem.tool(
-            "surely stable", lambda: SureStability(problem) if may_be_sure(problem) else None
-        )
+        may_be = problem.instance_count <= FEW and may_be_sure(problem)
+        own: SureStability | None = problem.tool("surely stable", lambda: SureStability(problem) if may_be else None)
         if own is None or not own.has_potential:
             return None
         # by as many nodes as looks of late called for, then by as many as this one does
@@ -137,7 +131,7 @@ class BackboneStability(StabilityAnalysis):
         while tried <= needed < MOST_NODES_IN_A_LAUNCH - 1:
             segments = ceil(needed + 1e-6)  # as whole numbers decide
             key = segments, few
-            tried = own.nodes.get(key, 0) or own.nodes.setdefault(key, self._nodes_for(needed, few=few))
+            tried = own.nodes.get(key, 0) or own.nodes.setdefault(key, number_for(self.problem, needed, few=few))
             found = ask(own, tried)
             if found is not None and found is not False:
                 break
@@ -145,8 +139,20 @@ class BackboneStability(StabilityAnalysis):
         return found
 
     def unstable(self) -> NDArray[np.bool_]:  # noqa: D102
-        if self.problem.renewals >= OFTEN and self.surely_stable():
-            return np.zeros(self.problem.instance_count, dtype=bool)
+        problem = self.problem
+        if problem.renewals >= OFTEN and self.surely_stable():
+            return np.zeros(problem.instance_count, dtype=bool)
+        if problem.instance_count < MANY or not may_be_sure(problem) or not self.has_potential.all():
+            return self._unstable()
+        result = ~surely_stable(problem, self._segments_expected(), self._segments_of)
+        left = np.flatnonzero(result)
+        if len(left):
+            part = problem.parts.of(left).stability
+            result[left] = part._unstable()
+        return result
+
+    def _unstable(self) -> NDArray[np.bool_]:
+        """By nodes that the integrator's own steps lead to."""
         form, determinant = self.condensed_form()
         terms = self.problem.features
         if not (terms.members or terms.world_force_is_state) and self.has_potential.all() and form.surely_stable():
@@ -190,7 +196,7 @@ class BackboneStability(StabilityAnalysis):
         self._stiffness = self.problem.lines.least_stiffness()  # before a pass over nodes: it takes one of its own
         # each instance has its own number of nodes, whatever stands beside it in the batch
         expected = self._segments_expected()
-        nodes = self._nodes(np.minimum(np.where(np.isnan(expected), 0.0, expected), MOST_NODES_AT_FIRST - 2))
+        nodes = nodes_for(self.problem, np.minimum(np.where(np.isnan(expected), 0.0, expected), MOST_NODES_AT_FIRST - 2))
         open_, shifted = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
         if self.problem.features.world_force_is_state and not self.place_unknown:
             asked = self._told_by_sign(self.has_potential) & (self.problem.features.turning_count > 0)
@@ -227,7 +233,7 @@ class BackboneStability(StabilityAnalysis):
                 if done.all() and not again.any():
                     break
             more = chosen & ~done & (needed < MOST_NODES - 1)
-            nodes[more] = self._nodes(needed[more])
+            nodes[more] = nodes_for(self.problem, needed[more])
             nodes[again] += 1
             shifted |= again
             open_ &= ~chosen | more | again
@@ -251,24 +257,6 @@ class BackboneStability(StabilityAnalysis):
     def by_breakpoints(self) -> CondensedForm:
         """The same of instances that are known by their breakpoints, in their order."""
         return self.problem.cut.condensed_form(self.problem.breakpoints)
-
-    def _nodes(self, segments: FloatArray) -> NDArray[np.int_]:
-        """Numbers of nodes for more than so many segments, evenly spaced: where some number of equal steps ends, if that can be;
-        else one more than a power of two, as well for several rods, which end steps themselves, where these are fewer."""
-        fewest = np.maximum(segments + 1e-6, FEWEST_NODES - 1)
-        result = 2 ** np.ceil(np.log2(fewest)).astype(int)
-        steps = self.problem.integrator.steps
-        if steps is not None:
-            parts = _divisors(steps)
-            place = np.searchsorted(parts, fewest)
-            equal = np.where(place < len(parts), parts[np.minimum(place, len(parts) - 1)], result)
-            result = equal if len(self.problem.rods) == 1 else np.minimum(equal, result)
-        return np.asarray(1 + result)
-
-    def _nodes_for(self, segments: float, *, few: bool) -> int:
-        """The same of one number of segments; or ``few``, where it does not matter how they are spaced."""
-        result = int(self._nodes(np.array(segments)))
-        return min(result, 1 + APART * ceil((segments + 1e-6) / APART)) if few else result
 
     def _free(self) -> int:
         """Angles of a free tip: three of what ends there, and how each rod turns against it."""

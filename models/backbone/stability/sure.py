@@ -1,9 +1,10 @@
-"""Stability of few instances that is beyond doubt, in one launch: of most results nothing else is asked."""
+"""Stability that is beyond doubt, of few instances in one launch, of many by few steps: of most results nothing else is asked."""
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,12 +14,12 @@ from numpy.typing import NDArray
 from multirod.kernels.repeated_kernels import callable_from_kernels
 from multirod.kernels.shared import Shared
 from multirod.launch import record
-from multirod.models.backbone.nodes.correction import NEAR
+from multirod.models.backbone.nodes.correction import NEAR, Ends
 from multirod.models.backbone.nodes.node_pass import NodePass
 from multirod.models.backbone.passes.lane_pass import LanePass
 from multirod.models.backbone.stability.condensing.forms import CompiledForm, form_of
+from multirod.models.backbone.stability.node_numbers import FEWEST_NODES
 from multirod.models.backbone.stability.sure_kernels import Sure, make_sure
-from multirod.problem import FEW
 from multirod.stability import NEUTRAL
 from multirod.validation import FloatArray
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 LATE = 8  # looks
+MOST_NODES = 33  # of many instances
 MISSES = 8  # of looks by one step between two nodes, where the integrator's own then say more: from then on these come first
 # by one step between two nodes: how much nearer the solve it is to end, and what eigenvalues are to be more than over ``K/L``,
 # beside so many times what the form lacks of symmetry: near where stability is lost they were off by 1e-4
@@ -41,13 +43,47 @@ def may_be_sure(problem: "BackboneProblem") -> bool:
         and not any(others)
         and not (problem.held or problem.breakpoints or (own.turning_count and problem.sizes.rigid_in_torsion))
         and wp.get_device(problem.device).is_cpu
-        and problem.instance_count <= FEW
         and isinstance(problem.launch, LanePass)
     )
 
 
+def surely_stable(
+    problem: "BackboneProblem", expected: FloatArray, segments_of: Callable[[NodePass], FloatArray]
+) -> NDArray[np.bool_]:
+    """Which of many instances are surely stable by one step between two nodes, shape (instance_count,); of the others it says
+    nothing.
+
+    Args:
+        problem: Of which ``may_be_sure`` holds, all of whose loads have a potential.
+        expected: How many segments each will call for, shape (instance_count,).
+        segments_of: How many each calls for, by the pass.
+    """
+    most = min(np.nanmax(expected, initial=0.0), MOST_NODES - 2.0)
+    made = problem.nodes.of_all(max(FEWEST_NODES, 1 + ceil(most + 1e-6)), one_step=True)
+    made.launch.launch()
+    apart = Ends.of(made).apart(Ends.of(problem), problem.sizes.furthest_end())
+    enough = segments_of(made) < len(made.read("node_moment")[0])
+    result = np.asarray((made.read("fault") == 0) & (apart < NEAR / NEARER) & enough)
+    if not result.any():
+        return result
+    unit = problem.sizes.stiffness_over_length()
+    condensed = form_of(made, 3 + problem.features.turning_count, len(problem.rods), problem.device)
+    form = condensed.of(result, problem.sizes.ends(), unit)
+    result[result] = form.known & (form.conjugate == 0) & _clearly_positive(form.matrix / unit[result, None, None])
+    return result
+
+
+def _clearly_positive(form: FloatArray) -> NDArray[np.bool_]:
+    """Whether all eigenvalues of forms (k, m, m) over ``K/L`` are so clearly positive that one step between two nodes tells."""
+    turned = form.swapaxes(1, 2)
+    result: NDArray[np.bool_] = np.asarray(np.isfinite(form).all(axis=(1, 2)))
+    lacking = np.sqrt(((form - turned)[result] ** 2).sum(axis=(1, 2))) / 2
+    result[result] = np.linalg.eigvalsh((form + turned)[result] / 2)[:, 0] > CLEAR + SPARE * lacking
+    return result
+
+
 class SureStability:
-    """Finds which equilibria are surely stable, as ``BackboneStability.modes`` would.
+    """Finds which equilibria of few instances are surely stable, as ``BackboneStability.modes`` would.
 
     Args:
         problem: Of which ``may_be_sure`` holds.
