@@ -135,6 +135,8 @@ class SaveOptions(TypedDict, total=False):
 
     nodes: int
     """Of a rod."""
+    rows: Literal["nodes", "instances"]
+    """Of a ``.csv``: one for each node of each rod, or for each instance."""
     corners: int
     """Of meshes: of the polygons in the place of circles."""
 

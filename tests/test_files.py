@@ -977,3 +977,36 @@ def test_a_tube_is_written_by_its_diameters_and_moduli_where_these_make_it(tmp_p
     mr.SingleRod(mr.Rod.tube(length=0.2, **made_of, magnetisation=(0, 0, 1e5))).save(file)
     assert "young_modulus" not in file.read_text(encoding="utf-8")
     assert mr.load(file).rods[0].is_magnetised
+
+
+def test_a_table_of_ends_has_a_row_for_each_instance(tmp_path):
+    """What failed among them is NaN, and its status says why."""
+    tubes = [mr.Rod(length=own, bending_stiffness=0.01, torsional_stiffness=0.008, name=f"{own:g}") for own in (0.3, 0.2)]
+    robot = mr.ConcentricTubes(tubes)
+    force = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.2, 0]], dtype=float)
+    history = mr.simulate(robot, robot.inputs(rotation=(0.1, 0.2), tip_force=force), time=[0, 0.5, 1])
+    history.save(tmp_path / "ends.csv", rows="instances")
+    with (tmp_path / "ends.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["time [s]"] for row in rows] == ["0.0", "0.5", "1.0"]
+    assert all(row["status"] == "CONVERGED" and row["instance"] == "0" for row in rows)
+    assert [float(row["tip_force[1] [N]"]) for row in rows] == [0, 0, 0.2]
+    assert float(rows[0]["rotation['0.2'] [rad]"]) == 0.2
+    for row, position, rotation in zip(rows, history.tip_position, history.tip_rotation, strict=True):
+        assert [float(row[f"{name} [m]"]) for name in "xyz"] == position.tolist()
+        found = Rotation.from_quat([float(row[name]) for name in ("qx", "qy", "qz", "qw")]).as_matrix()
+        np.testing.assert_allclose(found, rotation, atol=1e-14)
+    target = mr.Pose(position=[(0, 0, 2), history.tip_position[0]])
+    batch = mr.reach(robot, target, robot.inputs(), free="rotation")
+    batch.save(tmp_path / "batch.csv", rows="instances")
+    with (tmp_path / "batch.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == [mr.Status(int(status)).name for status in batch.status]
+    assert [row["x [m]"] == "nan" for row in rows] == batch.failed.tolist() == [True, False]
+    with pytest.raises(ValueError, match=r"save\.nodes = 3 .* beside rows"):
+        batch.save(tmp_path / "batch.csv", rows="instances", nodes=3)
+    with pytest.raises(ValueError, match=r"save\.rows = 'tips' .* must be one of"):
+        batch.save(tmp_path / "batch.csv", rows="tips")
+    none = mr.solve(robot, robot.inputs(tip_force=np.zeros((0, 3))))
+    none.save(tmp_path / "none.csv", rows="instances")
+    assert len((tmp_path / "none.csv").read_text().splitlines()) == 1

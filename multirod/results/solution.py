@@ -218,9 +218,9 @@ class Solution(Asked, Wrenches[Robot_co]):
 
         Args:
             path: File to write; an existing one is replaced, and there is a whole one or none. ``.npz`` holds all of it, for
-                ``mr.load``; ``.csv`` the centrelines; ``.nc`` what ``to_xarray`` makes of it; ``.glb``, ``.obj``, ``.ply`` and
+                ``mr.load``; ``.csv`` the centrelines, or ends; ``.nc`` what ``to_xarray`` makes; ``.glb``, ``.obj``, ``.ply`` and
                 ``.stl`` what ``to_mesh`` does.
-            **options: ``nodes`` of a rod, for all but ``.npz``; of meshes also ``corners``.
+            **options: ``nodes`` of a rod, for all but ``.npz``; of meshes also ``corners``; of ``.csv`` ``rows="instances"``.
 
         Raises:
             TypeError: If there is no such option.
