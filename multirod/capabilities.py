@@ -137,6 +137,10 @@ class Parts(ABC):
         """Equal steps from base to tip by which ``followed`` integrates; 0 where step control does, or that is not told."""
         return 0
 
+    def eased(self, instance: int) -> "BoundaryProblem | None":
+        """(36) of ``docs/held.md``: a problem of one, which twists more, its unknowns the same; None where it twists as it is."""
+        return None
+
     @property
     def may_be_clamped(self) -> bool:
         """Whether ``clamped`` is offered wherever branches end; several rods on one line may be clamped in motions alone."""

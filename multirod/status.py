@@ -187,8 +187,9 @@ _MESSAGES = {
     "axial_stiffness",
     Status.OUT_OF_HOLE: "a rod is pulled out of a hole of a body: nothing of it is left on one side; let it out by its "
     "translation, place the hole elsewhere on it, or lower what pulls",
-    Status.UNDETERMINED: "straight rods that do not stretch share what they carry in ways that nothing determines: give them an "
-    "axial_stiffness, or hold what they carry by fewer of them (by three, where they stand side by side)",
+    Status.UNDETERMINED: "straight rods that do not stretch, or do not twist, share what they carry in ways that nothing "
+    "determines: give them an axial_stiffness, or a torsional_stiffness, or hold what they carry by fewer of them (forces of "
+    "those that do not stretch by three, where they stand side by side)",
     Status.LOOSE: "the network is loose, a mechanism: where it stands, bodies move though no rod is bent, and what acts does not "
     "hold them; clamp a joint, turn an axis so that not all are parallel, or give joints a stiffness",
     Status.UNOBSERVABLE: "fewer numbers were measured of this instance than are unknown without a prior: give these a Prior, or "

@@ -18,7 +18,6 @@ from multirod.models.backbone.derivatives.designs import AROUND, COMPONENTS, par
 from multirod.models.backbone.inputs import DRIVE_INPUTS, drive_specs
 from multirod.models.backbone.kernels.layout.features import Features
 from multirod.models.backbone.terms import scene_features
-from multirod.models.held.capabilities import EasedInTorsion
 from multirod.models.held.holders import END_INPUTS, POSE_INPUTS, ROD_INPUTS, TIP_SPECS, HeldOptions, Holders
 from multirod.models.held.problem import HeldProblem
 from multirod.models.joint_kernels import JOINTS
@@ -202,9 +201,7 @@ class HeldRod(Assembly):
         if instances is not None:
             whole = np.broadcast_shapes(inputs.batch_shape, self.batch_shape)
             holders, inputs = holders.take(whole, instances), inputs.take(whole, instances)
-        result = HeldProblem(holders, inputs, integrator=integrator, **options)
-        result.stand_ins = EasedInTorsion()
-        return result
+        return HeldProblem(holders, inputs, integrator=integrator, **options)
 
     def features(self, inputs: Inputs, *, enabled: Iterable[str] = ()) -> tuple[Features, ...]:  # noqa: D102
         on_rod = {spec.name for spec in ROD_INPUTS}

@@ -10,6 +10,7 @@ import numpy as np
 from multirod.batch import IntArray
 from multirod.capabilities import Parts
 from multirod.integrators import AdaptiveIntegrator, FixedStepIntegrator, Integrator
+from multirod.rod import RodArrays
 
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 P = TypeVar("P", bound="BoundaryProblem")
 
 STEPS = 48  # of a rod
+EASED = 1e3  # times as stiff in torsion as in bending, what is stiffer is taken for at first
 PER_RADIAN = 20  # by which it is bent at rest, or of its waves
 MOST_STEPS = 1024
 
@@ -75,9 +77,22 @@ class PartsAtEqualSteps(Parts, Generic[P]):
     def steps_followed(self, instances: IntArray) -> int:  # noqa: D102
         return (self._at_equal_steps(instances) or self._integrator).steps or 0
 
+    @property
     @abstractmethod
-    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> P:
-        """Of some instances, by another integrator, with rods in so many pieces."""
+    def _arrays(self) -> Sequence[RodArrays]:
+        """The rods as kernels read them, batches that broadcast to that of the problem."""
+
+    @abstractmethod
+    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1, eased: float = np.inf) -> P:
+        """Of some instances, by another integrator, with rods in so many pieces, and at most so many times as stiff in torsion as
+        in bending."""
+
+    def eased(self, instance: int) -> P | None:  # noqa: D102
+        one = np.array([instance])
+        taken = [own.take(self.problem.batch_shape, one) for own in self._arrays]
+        if not any(own.hardly_twists(EASED).any() for own in taken):
+            return None
+        return self._part(one, self._integrator, poses=False, eased=EASED)
 
     def of(self, instances: IntArray, *, double: bool = False, poses: bool = False) -> P:  # noqa: D102
         return self._part(instances, self._integrator.in_double() if double else self._integrator, poses=poses)

@@ -19,8 +19,8 @@ from multirod.models.held.start import BUCKLED
 from multirod.models.joint_kernels import SPHERICAL
 from multirod.out_of_reach import TAUT, Reach
 from multirod.problem import Shape
+from multirod.rod import RodArrays
 from multirod.segments import taken
-from multirod.stand_in import StandIn, StandIns
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 STRAIGHT = 1e-6  # moments and forces across a rod, in EI/L and EI/L^2, by which nothing bends it
 BEND, THRUST = 2 * np.pi, 8 * np.pi**2  # most of a start: in 1/L, as of a rod that turns once, and in EI/L^2
-EASED = 1e3  # times as stiff in torsion as in bending, what is stiffer is taken for at first
 CROWDING = 1.5  # most equilibria are far inside the bounds
 
 
@@ -43,57 +42,35 @@ class HeldParts(PartsAtEqualSteps["HeldProblem"]):
     def may_be_clamped(self) -> bool:  # noqa: D102
         return self.problem.may_be_clamped
 
-    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> "HeldProblem":
+    @property
+    def _arrays(self) -> Sequence[RodArrays]:
+        return [self.problem.holders.arrays]
+
+    def eased(self, instance: int) -> "HeldProblem | None":
+        """None where an end is in a ball: there is no torque."""
+        holders = self.problem.holders
+        return None if SPHERICAL in (holders.joint, holders.base_joint) else super().eased(instance)
+
+    def _part(
+        self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1, eased: float = np.inf
+    ) -> "HeldProblem":
         whole = self.problem
         holders = whole.holders.take(whole.batch_shape, instances)
+        if eased < np.inf:
+            holders = replace(holders, arrays=holders.arrays.eased(eased))
         options: HeldOptions = {**whole.options}
         if poses:
             options["pose_sensitivities"] = True
         inputs = whole.inputs_given.take(whole.batch_shape, instances)
         result = type(whole)(holders, inputs, integrator=integrator, pieces=pieces, **options)
-        result.stop, result.side, result.stand_ins = whole.stop, whole.side, whole.stand_ins
+        result.stop, result.side = whole.stop, whole.side
         for name in ("inputs", "unknowns"):
             result.write(name, whole.read(name)[instances])
         for name in ("rest_position", "rest_turn", "swing", "opening", "direct", "leading", "drawn", "ways", "held_at"):
             getattr(result.table, name).assign(getattr(whole.table, name).numpy()[instances])
-        result._natural = None if whole._natural is None else whole._natural[instances]
+        result._natural = None if whole._natural is None or eased < np.inf else whole._natural[instances]
         result.breakpoints = taken(whole.breakpoints, instances)
         return result
-
-
-class _Eased(StandIn):
-    """A rod that twists a little: its unknowns are those of one that does not, whose torque is over its bending stiffness too."""
-
-    def __init__(self, problem: "HeldProblem") -> None:
-        self.problem = problem
-
-    def unknowns(self) -> FloatArray:
-        return np.array(self.problem.read("unknowns")[0])
-
-
-class EasedInTorsion(StandIns):
-    """(36) What hardly twists, or does not, and whose ends both hold a torque, as what twists a little more."""
-
-    def of(self, instances: IntArray) -> "EasedInTorsion":  # noqa: D102
-        del instances
-        return self
-
-    def made(self, problem: "HeldProblem", instance: int, unknowns: FloatArray) -> _Eased | None:  # type: ignore[override]  # noqa: D102
-        del unknowns
-        holders = problem.holders
-        at = problem.batch_shape, np.array([instance])
-        taken = holders.take(*at)
-        material = np.array(taken.arrays.material)
-        eased = EASED * material[..., :2].max(axis=-1)
-        if SPHERICAL in (holders.joint, holders.base_joint) or not (material[..., 2] > eased).any():
-            return None
-        material[..., 2] = np.minimum(material[..., 2], eased)
-        material[..., 5] = 1 / material[..., 2]
-        taken = replace(taken, arrays=replace(taken.arrays, material=material))
-        other = type(problem)(taken, problem.inputs_given.take(*at), integrator=problem.integrator, **problem.options)
-        other.write("inputs", problem.read("inputs")[[instance]])  # which may have changed since they were given
-        other.stop, other.side = problem.stop, problem.side
-        return _Eased(other)
 
 
 class HeldShapes(Shapes):

@@ -1,6 +1,7 @@
 """What the boundary problem of a network offers beside its equations."""
 
 from collections.abc import Sequence
+from copy import copy
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from multirod.models.network.derivatives.along import at_rates, by_network
 from multirod.models.network.derivatives.designs import by_numbers
 from multirod.models.network.elements import records
 from multirod.problem import Shape, nodes_of_pieces
+from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -33,10 +35,20 @@ class NetworkParts(PartsAtEqualSteps["NetworkProblem"]):
         """Not where rods slide: how long pieces are would move their clamps."""
         return not self.problem.layout.holes and all(group.backbones.may_be_clamped for group in self.problem.groups)
 
-    def _part(self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1) -> "NetworkProblem":
+    @property
+    def _arrays(self) -> Sequence[RodArrays]:
+        return self.problem.graph.arrays
+
+    def _part(
+        self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1, eased: float = np.inf
+    ) -> "NetworkProblem":
         whole = self.problem
+        graph = whole.graph.take(whole.batch_shape, instances)
+        if eased < np.inf:
+            graph = copy(graph)
+            graph.arrays = tuple(arrays.eased(eased) for arrays in graph.arrays)
         result = type(whole)(
-            whole.graph.take(whole.batch_shape, instances),
+            graph,
             whole.end_effector,
             whole.inputs_given.take(whole.batch_shape, instances),
             integrator=integrator,

@@ -90,6 +90,8 @@ class NetworkProblem(BoundaryProblem):
         self.entries = entries = graph.entries
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
         self.effector_rod = graph.effector_rod(end_effector)
+        held = zip(self.places, graph.rods, graph.ends[1].held, strict=True)
+        self.held_torques = np.concatenate([own[2 : 2 + rod.rod_count] if tip else own[:0] for own, rod, tip in held])
         self._slices = input_places(graph)
         self.driven_place, self.pushed_place = (place_of_all(self._slices, names) for names in (DRIVEN, PUSHED))
         super().__init__(

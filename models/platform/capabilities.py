@@ -15,6 +15,7 @@ from multirod.models.platform.derivatives.along import at_rates, by_robot
 from multirod.models.platform.derivatives.bending import LegBending, may_tell_legs_bending
 from multirod.models.platform.derivatives.columns import input_columns
 from multirod.problem import Shape
+from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -53,13 +54,26 @@ class PlatformParts(PartsAtEqualSteps["ParallelProblem"]):
     ) -> "ParallelProblem":
         return self._part(instances, self._exact(instances, times), poses=True, pieces=pieces, clamping=clamping)
 
+    @property
+    def _arrays(self) -> Sequence[RodArrays]:
+        return self.problem.geometry.arrays
+
     def _part(
-        self, instances: IntArray, integrator: Integrator, *, poses: bool, pieces: int = 1, clamping: int = 0
+        self,
+        instances: IntArray,
+        integrator: Integrator,
+        *,
+        poses: bool,
+        pieces: int = 1,
+        eased: float = np.inf,
+        clamping: int = 0,
     ) -> "ParallelProblem":
         geometry, inputs = (
             self.problem.geometry.take(self.problem.batch_shape, instances),
             self.problem.inputs_given.take(self.problem.batch_shape, instances),
         )
+        if eased < np.inf:
+            geometry = geometry.eased(eased)
         options = {**self.problem.options, **({"pose_sensitivities": True} if poses else {})}
         clamped = self._clampings[clamping] if pieces > 1 else set()
         cut = [pieces if leg in clamped else 1 for leg in range(len(geometry.legs))]

@@ -81,6 +81,12 @@ class Geometry:
         result.batch_shape = np.shape(instances)
         return result
 
+    def eased(self, ratio: float) -> "Geometry":
+        """(36) of ``docs/held.md``: the same, its legs at most so many times as stiff in torsion as in bending."""
+        result = copy(self)
+        result.arrays = tuple(arrays.eased(ratio) for arrays in self.arrays)
+        return result
+
     def scales(self) -> tuple[FloatArray, FloatArray]:
         """Length and bending stiffness of each leg, then of the platform, shapes (batch or 1, leg_count + 1)."""
         arrays = [arrays.repeated(self.batch_shape) for arrays in self.arrays]

@@ -90,6 +90,7 @@ class ParallelProblem(BoundaryProblem):
         # what each leg's unknowns are: its own, in the order of the arrow
         self.own = [slice(a, b) for a, b in pairwise(first)]
         self.platform = slice(first[-1], first[-1] + POSE)
+        self.held_torques = np.concatenate([k + 2 + np.arange(geometry.legs[leg].rod_count) for leg, k in enumerate(first[:-1])])
         super().__init__(
             unknown_count=int(first[-1]) + POSE,
             batch_shape=np.broadcast_shapes(inputs.batch_shape, geometry.batch_shape),
@@ -298,9 +299,8 @@ class ParallelProblem(BoundaryProblem):
 
     def twisted(self, x: FloatArray, numbers: IntArray) -> FloatArray:
         """Unknowns with the tubes of legs turned against each other, as ``models.backbone.starts.twisted`` has it."""
-        every = np.arange(self.unknown_count)
         members = [(group.backbones, list(group.members)) for group in self.groups]
-        return twisted(members, x, numbers, lambda leg: every[self.own[leg]])
+        return twisted(members, x, numbers, lambda leg: np.arange(self.own[leg].start, self.own[leg].stop))
 
     def pose_unknowns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
         """The platform's unknowns (k, 6) at poses, all instances once or several times: (1), (2) solved for them."""

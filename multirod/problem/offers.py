@@ -38,11 +38,13 @@ class Offers(Buffers):
         passed: By instance, what happened on the way to where ``guess`` begins, as it was last called.
         gives_way: Whether ends of rods give way until the load factor is 1, in proportion to what is missing: ``Gamma`` may
             change much in a step to the full load, however short, while that is more than what rods themselves give way by.
+        held_torques: Unknowns, by their numbers, that are torques in rods whose tips are held.
         reach: Whether ends can be where they are to be, where that is known.
         stand_ins: What makes problems that stand for its instances, given by the assembly, if anything.
     """
 
     gives_way: bool = False
+    held_torques: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
     reach: Reach | None = None
     stand_ins: StandIns | None = None
     passed: "Mapping[int, BranchEvent]" = MappingProxyType({})
@@ -179,16 +181,16 @@ class Offers(Buffers):
         return np.zeros(0, dtype=np.intp)
 
     def undetermined(self) -> NDArray[np.bool_]:
-        """Whether forces in rods could change, as far as the last integration says, and nothing else would, shape
-        (instance_count,): straight rods that do not stretch share what they carry in ways that nothing determines."""
+        """Whether forces and torques in rods could change, as far as the last integration says, and nothing else would, shape
+        (instance_count,): straight rods that do not stretch, or twist, share what they carry in ways that nothing determines."""
         result = np.zeros(self.instance_count, dtype=bool)
         if not len(self.held_forces):
             return result
         gamma = self.read("gamma").reshape(self.instance_count, self.unknown_count, self.unknown_count)
-        others = np.setdiff1d(np.arange(self.unknown_count), self.held_forces)
+        others = np.setdiff1d(np.arange(self.unknown_count), [*self.held_forces, *self.held_torques])
         for k in np.flatnonzero(np.isfinite(gamma).all(axis=(1, 2))).tolist():
             neutral = neutral_ways(gamma[k])
-            result[k] = len(neutral) > 0 and np.abs(neutral[:, others]).max() < STILL
+            result[k] = len(neutral) > 0 and np.linalg.svd(neutral[:, others], compute_uv=False).min() < STILL
         return result
 
     def too_long(self, instance: int) -> str:

@@ -96,6 +96,17 @@ class RodArrays:
         """The same with a row for every instance, whether or not it varies."""
         return replace(self, batch_shape=batch_shape, **self._rows(batch_shape, None))
 
+    def hardly_twists(self, ratio: float) -> NDArray[np.bool_]:
+        """Whether some section of some rod is more than ``ratio`` times as stiff in torsion as in bending, shape (batch,)."""
+        return np.asarray((self.material[..., 2] > ratio * self.material[..., :2].max(axis=-1)).any(axis=(1, 2)))
+
+    def eased(self, ratio: float) -> "RodArrays":
+        """(36) of ``docs/held.md``: the same, these so many times as stiff."""
+        material = np.array(self.material)
+        material[..., 2] = np.minimum(material[..., 2], ratio * material[..., :2].max(axis=-1))
+        material[..., 5] = 1 / material[..., 2]
+        return replace(self, material=material, torsion=True)
+
     def _rows(self, batch_shape: tuple[int, ...], instances: IntArray | None) -> dict[str, Any]:
         values = {name: getattr(self, name) for name in ("end", "material", "precurvature", "section")}
         shaped = {name: value.reshape(*self.batch_shape, *value.shape[1:]) for name, value in values.items()}

@@ -20,7 +20,8 @@ from multirod.solvers.starting.assembling import Closed, assemble
 from multirod.solvers.starting.letting_out import let_out, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.starting.releasing import Releasing
-from multirod.solvers.starting.standing_in import solve_stand_ins
+from multirod.solvers.starting.standing_in import Eased, solve_stand_ins
+from multirod.stand_in import StandIn
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
 LARGEST = 700.0  # exponent of a number
 # of each instance, beside its outcome, where loads could not be raised further
-KNOWN = ("handed", "tried", "ends", "unbounded", "slack")
+KNOWN = ("handed", "tried", "ends", "unbounded", "slack", "eased")
 
 
 class ColdStart:
@@ -51,6 +52,7 @@ class ColdStart:
         ends: Unknowns where the natural branch ended [1/m].
         unbounded: Which are beside a line at its kink whose tension rises without bound.
         slack: Which are at the full load in a valley, and not at rest.
+        eased: Which were tried as what twists a little more.
     """
 
     def __init__(
@@ -66,7 +68,7 @@ class ColdStart:
         count = problem.instance_count
         self.chosen = np.ones(count, dtype=bool) if chosen is None else chosen
         self.outcome = Outcome.zeros(count)
-        self.handed, self.unbounded, self.slack = np.zeros((3, count), dtype=bool)
+        self.handed, self.unbounded, self.slack, self.eased = np.zeros((4, count), dtype=bool)
         self.tried: IntArray = np.full(count, int(Status.NOT_RUN))
         self.ends: FloatArray = np.zeros((count, problem.unknown_count))
 
@@ -122,6 +124,7 @@ class ColdStart:
         """Which crept, and which are not to be tried by other ways, as the natural branch says."""
         if self.options.fallback and outcome.reached is not None:
             self.handed |= self.chosen & (outcome.status == int(Status.MAX_ITERATIONS)) & (outcome.reached > 0)
+        self._ease(self.chosen & (outcome.status == int(Status.UNDETERMINED)))  # loads may bend it, which determines it
         for status in (Status.UNDETERMINED, Status.LOOSE):  # from wherever
             known = outcome.status == int(status)
             self.chosen = self.chosen & ~known
@@ -137,7 +140,7 @@ class ColdStart:
         crept = self.lost & self.handed
         with self._searching():
             self._released().begin(self.lost & np.isin(self.outcome.status, WITHOUT_REASON))
-            self._by_stand_ins(self.lost)
+            self._ease(self.lost & ((self._reached == 0) | (self.problem.joints is None)))
             self.handed &= self.lost
             self._put_together(self.lost & ~crept)
         # the poses that it finds are not those of the unknowns: nothing may integrate these again
@@ -147,12 +150,19 @@ class ColdStart:
         if self.options.fallback and failures(self.outcome.status).any():
             in_segments(self.options).rescue(self.problem, self.outcome, self._allowed, self.tried)
         self._follow()
+        self._ease(self.lost)
         self._begin_anywhere()
         self._say_why()
         return self.outcome
 
     def _searching(self) -> AbstractContextManager[None]:
         return self.problem.without_poses() if self.poses_apart else nullcontext()
+
+    @property
+    def _reached(self) -> FloatArray:
+        """Where the natural branch ended, nowhere if there was none, shape (instance_count,)."""
+        reached = self.outcome.reached
+        return np.zeros(len(self.chosen)) if reached is None else reached
 
     @property
     def _allowed(self) -> IntArray:
@@ -222,11 +232,16 @@ class ColdStart:
         if self.options.at_fold != "stop":
             self._released().begin_scattered(self.lost & np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE)))
 
-    def _by_stand_ins(self, some: BoolArray) -> None:
-        """What does not come apart, by problems that stand for ``some``."""
-        if self.problem.joints is None and some.any():
-            ends = dict(enumerate(self.ends))
-            solve_stand_ins(self.options, self.problem, self.newton, self.outcome, some, ends, self.options.at_fold)
+    def _ease(self, some: BoolArray) -> None:
+        """What hardly twists, or does not, of ``some``, by what twists a little more; once."""
+        some = some & ~self.eased
+        self.eased |= some
+
+        def eased(place: int) -> StandIn | None:
+            return Eased.of(self.problem, place)
+
+        solve_stand_ins(self.options, self.problem, self.newton, self.outcome, some, eased, self.options.at_fold)
+        self.chosen = self.chosen & ~(some & (self.outcome.status == int(Status.UNDETERMINED)))
 
     def _put_together(self, some: BoolArray) -> None:
         """By joints that close, and where several stable equilibria are meant, to the lowest one, of ``some`` that are lost."""
@@ -239,9 +254,12 @@ class ColdStart:
         ended = assemble(problem, newton, outcome, some, steps, further, closed=closed)
         pulled = {place: unknowns for place, (_, _, unknowns) in closed.items()}
 
+        def cut(place: int) -> StandIn | None:
+            return problem.stand_in(place, pulled[place]) if place in pulled else None
+
         def in_pieces(at_fold: str) -> None:
             stopped = ended & (self.options.at_fold == "stop")
-            solve_stand_ins(self.options, problem, newton, outcome, some & self.lost & ~stopped, pulled, at_fold)
+            solve_stand_ins(self.options, problem, newton, outcome, some & self.lost & ~stopped, cut, at_fold)
 
         in_pieces("stop")
         if further is None:
