@@ -167,7 +167,8 @@ class Inputs(ReadOnly):
         for name, values in self._arrays.items():
             lost = np.isnan(values)
             if lost.any():
-                refuse(name, first_of(lost, values, values), "must be finite: a task that failed has found none; ask its status")
+                none = "a task that failed has found none; ask its status, or take inputs[~result.failed]"
+                refuse(name, first_of(lost, values, values), f"must be finite: {none}")
 
     def checked_by(self, robot: "Assembly") -> None:
         """Note that a robot takes them."""

@@ -291,6 +291,14 @@ def test_what_a_controller_refuses(start, changes, error, message):
         mr.Controller(TUBES, **{**options, **changes})
 
 
+def test_a_controller_is_of_one_robot_and_its_targets_are_named(start):
+    several = mr.SingleRod(mr.Rod(length=np.array([0.2, 0.3]), bending_stiffness=0.01, torsional_stiffness=0.008))
+    with pytest.raises(ValueError, match=r"Controller\.robot = leading axes \(2,\)"):
+        mr.Controller(several, dt=0.01, free=("rotation", "translation"))
+    with pytest.raises(TypeError, match="targets are position=, rotation= or axis="):
+        mr.Controller(TUBES, dt=0.01, free=FREE, guess=start, integrator=STEPS).step(mr.Pose(position=(0, 0, 0.2)))
+
+
 @pytest.mark.parametrize(
     ("sample", "error", "message"),
     [

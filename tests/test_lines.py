@@ -301,6 +301,13 @@ def test_a_recording_draws_lines(tmp_path):
 # ---- what is refused ----
 
 
+def test_which_of_a_batch_pushes_is_said():
+    tension = np.ones((30, len(ROBOT.rod.lines)))
+    tension[17, 0] = -1.0
+    with pytest.raises(ValueError, match=r"tension = \[-1\.0.*\] at \[17\] is not allowed: must be >= 0"):
+        mr.solve(ROBOT, ROBOT.inputs(tension=tension))
+
+
 def test_what_cannot_be_is_refused_by_name():
     robot = mr.SingleRod(STRAIGHT)
     for value, message in (((1, 1, -0.1), "must be >= 0"), ((1.0, 2.0), r"must have shape \(\.\.\., 3\)"), (np.nan, "finite")):

@@ -8,7 +8,7 @@ from multirod.inputs import Inputs
 from multirod.models.backbone.kernels.layout.members import drives
 from multirod.models.backbone.members.member import kinds
 from multirod.rod import Rod
-from multirod.validation import refuse
+from multirod.validation import Described, refuse
 
 
 def check_drives(inputs: Inputs, rods: Sequence[Rod]) -> None:
@@ -17,7 +17,9 @@ def check_drives(inputs: Inputs, rods: Sequence[Rod]) -> None:
         return
     pushes = (inputs.tension < 0).any(axis=-1)
     if pushes.any():
-        refuse("tension", inputs.tension[pushes][0].tolist(), "must be >= 0: a tendon cannot push")
+        at = tuple(np.argwhere(pushes)[0].tolist())
+        place = Described(f"{inputs.tension[at].tolist()} at {list(at)}") if at else inputs.tension.tolist()
+        refuse("tension", place, "must be >= 0: a tendon cannot push")
     first = 0
     for rod in rods:
         count = drives(kinds(rod.lines)).count("tension")

@@ -128,8 +128,9 @@ class Controller(Uncopied, Generic[Robot_co]):
         instance("Controller.integrator", method, Integrator, "an Integrator, such as RK4(50)")
         expect(make_control, device)
         given = robot.accept(guess._applied if inputs is None and guess is not None else inputs)
-        if given.batch_shape or robot.batch_shape:
-            refuse("Controller.inputs", Described(f"leading axes {given.batch_shape}"), "there must be none")
+        for field, own in (("robot", robot.batch_shape), ("inputs", given.batch_shape)):
+            if own:
+                refuse(f"Controller.{field}", Described(f"leading axes {own}"), "there must be none")
         given = given.with_arrays(given.arrays | self._zeros(given))
         self._robot, self._unit, self._length = robot, input_units(robot, self.free), robot.longest
         self._rows = limit_rows(robot, limits, self.free)
@@ -205,7 +206,7 @@ class Controller(Uncopied, Generic[Robot_co]):
 
     def step(
         self,
-        *,
+        *others: object,
         position: Numbers | None = None,
         rotation: Numbers | None = None,
         axis: Numbers | None = None,
@@ -238,6 +239,8 @@ class Controller(Uncopied, Generic[Robot_co]):
             ValueError: If a value is out of range, or no target is given.
             RuntimeError: If another thread is in ``step``.
         """
+        if others:
+            raise TypeError("Controller.step() takes nothing without a name: targets are position=, rotation= or axis=")
         if changes and not changes.keys() <= self._names:
             unknown_names("Controller.step()", changes, [*OWN, *(spec.name for spec in self._robot.input_specs)])
         if not self._lock.acquire(False):
@@ -346,14 +349,8 @@ class Controller(Uncopied, Generic[Robot_co]):
                 spent = frozen(spent + np.int32(self._shape.integrations))
             self._step.mind(Status(status).failed, told)
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
-        vars(result).update(
-            missing=-1 in seen,
-            _free=self.free,
-            _told=told,
-            _rows=self._rows,
-            _limits=self._limit_names,
-            _aims=kind[0] == 1,
-        )
+        own = {"_free": self.free, "_told": told, "_rows": self._rows, "_limits": self._limit_names, "_aims": kind[0] == 1}
+        vars(result).update(own, missing=-1 in seen)
         self._recovery.mind(result)
         return result
 
