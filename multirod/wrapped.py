@@ -146,6 +146,10 @@ class WrappedProblem(BoundaryProblem):
         with self.presented():
             return self.inner.load_scale()
 
+    def load_change(self, before: FloatArray) -> FloatArray:  # noqa: D102
+        with self.presented():
+            return self.inner.load_change(before)
+
     def turning(self, before: FloatArray | None = None) -> FloatArray:  # noqa: D102
         with self.presented():
             return self.inner.turning(before)

@@ -428,6 +428,9 @@ class BackboneProblem(BoundaryProblem):
         inputs = self.read("inputs")
         return self.found_for("load_scale", inputs, lambda: self.sizes.load(inputs)).copy()
 
+    def load_change(self, before: FloatArray) -> FloatArray:  # noqa: D102
+        return self.sizes.load_change(before)
+
     @property
     def has_potential(self) -> bool:
         """Whether all but vectors of the inputs derives from one: load profiles, and the laws of the tip and of lines."""

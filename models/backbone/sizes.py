@@ -103,6 +103,18 @@ class Sizes:
             total += (size[:3].max() * length**3 + size[3:].max() * length**2) / stiffness
         return total
 
+    def load_change(self, before: FloatArray) -> FloatArray:
+        """As ``BoundaryProblem.load_change``, of the loads that are vectors."""
+        inputs, (stiffness, weight) = self.problem.read("inputs"), self._first_rod
+        length = self.problem.arrays.end[:, 0, -1] + inputs[:, self.problem.input_slice("translation").start]
+        total = np.zeros(self.problem.instance_count)
+        by_configuration = {load.input for load in self.problem.features.loads}
+        for spec, own in self.loads:
+            if spec.name not in by_configuration:
+                size = np.linalg.norm((inputs - before)[:, own], axis=1) * length**spec.power / stiffness
+                total += size * weight if spec.name == "gravity" else size
+        return total
+
     @cached_property
     def _first_rod(self) -> tuple[FloatArray, FloatArray]:
         """Least stiffness [N m^2] and largest linear density [kg/m] of the first rod."""

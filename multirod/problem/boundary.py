@@ -284,6 +284,11 @@ class BoundaryProblem(ByInputs, Offers):
         """
         return np.zeros(self.instance_count)
 
+    def load_change(self, before: FloatArray) -> FloatArray:
+        """The same of how much loads differ from those of inputs ``before`` (instance_count, input_count); 0 where it is not
+        told."""
+        return np.zeros(self.instance_count)
+
     def mode_bounds(self) -> FloatArray:
         """As ``StabilityAnalysis.mode_bounds``; where that says nothing, what ``load_scale`` says of columns."""
         found = None if self.stability is None else self.stability.mode_bounds()

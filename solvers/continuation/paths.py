@@ -212,7 +212,7 @@ class Paths:
 
         All of the first axis instance_count; what is not ``chosen`` is left as it is. With a ``dip``, that part of the load is
         off halfway: what has a kink at the full load is smooth on the way. A ``safe_step`` (instance_count,) is one that is short
-        enough though there is no equilibrium before the first.
+        enough though there is no equilibrium before the first, where loads differ by no more than what is safe.
         """
         problem, state = self.problem, self.state
         after = problem.read("inputs")
@@ -221,7 +221,7 @@ class Paths:
         state.growth = GROWTH
         for name, values in (("from_inputs", before), ("to_inputs", after)):
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=problem.device))
-        self._set("safe_step", safe_step)
+        self._set("safe_step", np.minimum(safe_step, SAFE_LOAD / np.maximum(problem.load_change(before), 1e-300)))
         state.most_step.assign(TURN / np.maximum(problem.turning(before), 1e-300))
         state.sure_level.fill_(0.0 if problem.may_jump else 1.0)
 
