@@ -13,6 +13,7 @@ from scipy.special import ellipe, ellipk
 
 import multirod as mr
 from multirod.models.held.costless import free_in_balls
+from multirod.models.held.kernels.arguments import IN_BALLS
 from multirod.solvers.following.follow import _Together
 from multirod.solvers.following.journey import Journey
 from multirod.solvers.following.requests import Answer, Judge, Judgement
@@ -371,6 +372,31 @@ def test_between_two_balls_a_rod_is_an_elastica_that_does_not_turn_about_its_cho
             rods = own.rod(0, nodes=3)
             np.testing.assert_allclose(rods.position[those, 1, 0], sign * aside, rtol=0, atol=1e-5 * LENGTH)
             np.testing.assert_allclose(Rotation.from_matrix(rods.rotation[:, 0]).as_rotvec()[:, 2], 0, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("wide", [1.0, 2.0], ids=["round", "strip"])
+def test_a_bent_rod_between_balls_is_pressed_along_a_slide_beside_its_chord(wide):
+    """(28) It turns about its chord, wherever that goes: in its own plane it is as on hinges. ``STALLED`` before."""
+    rod = mr.Rod(length=LENGTH, bending_stiffness=(EI, wide * EI), torsional_stiffness=0.015, precurvature=(1.5 / LENGTH, 0, 0))
+    force, end, found = np.outer([0.5, 1.1, 3.0], [0, HINGED, 0]), np.eye(4), []
+    end[:3, 3] = LENGTH * np.array([0, -0.6, 0.66])  # near where it is at rest
+    for kind in ("spherical", "revolute"):
+        axes = {"joint_axis": (1, 0, 0), "base_joint_axis": (1, 0, 0)} if kind == "revolute" else {}
+        robot = mr.HeldRod(rod, joint=kind, base_joint=kind, end=end, slide=(0, 1, 0), **axes)
+        inputs = robot.inputs(tip_force=force)
+        found.append(mr.solve(robot, inputs).raise_if_failed())
+        if kind == "spherical":
+            assert free_in_balls(robot.problem(inputs, integrator=mr.RK4(50))).tolist() == [IN_BALLS] * 3
+            aside = robot.inputs(tip_force=force, distributed_force=(0, 0, 0.1))  # which tells how it is turned
+            assert free_in_balls(robot.problem(aside, integrator=mr.RK4(50))).tolist() == [0] * 3
+    balls, hinges = found
+    for own in found:
+        assert (own.status == mr.Status.CONVERGED).all()
+        assert (own.stability == mr.Stability.STABLE).all()
+    assert (balls.integrations < 100).all()  # 46 to 66
+    # default tolerance; the plane of the rod is held where it is at rest
+    np.testing.assert_allclose(balls.tip_position, hinges.tip_position, rtol=0, atol=1e-6 * LENGTH)
+    np.testing.assert_allclose(balls.potential, hinges.potential, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

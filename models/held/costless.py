@@ -122,8 +122,10 @@ def between_balls(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np
     place, frame = problem.goal()
     chord = place - problem.rod.table.base_position.numpy()
     free = between.copy()
-    for own in (force, weight, *([] if problem.holders.slide is None else [frame @ problem.holders.slide])):
+    for own in (force, weight):
         free &= _lie_along(own, chord)
+    if problem.holders.slide is not None:
+        free &= ~(pushed | heavy) | _lie_along(frame @ problem.holders.slide, chord)
     return between, free
 
 

@@ -29,7 +29,7 @@ def weights(held: Held, b: int) -> wp.vec2d:
         return none
     chord = held.end_position[b] + vector(held.problem.inputs, b, held.pose) - held.base_position[b]
     free = (not pushed or lies_along(force, chord)) and (not heavy or lies_along(weight, chord))
-    if held.slides != 0:
+    if held.slides != 0 and (pushed or heavy):
         frame = rotation_from_vector(vector(held.problem.inputs, b, held.pose + 3)) * held.end_frame[b]
         free = free and lies_along(column_of(frame * held.guide, 2), chord)
     turn = wp.where(free, f64(1.0), leading(held, b))
