@@ -486,3 +486,16 @@ def test_an_arch_leaves_symmetry_to_the_side_of_the_rule_though_errors_tell_anot
         found = moved(side=side, across=-1e-5)
         assert names(found) == []
         assert found.tip_position[-1, 0] < -0.01
+
+
+def test_a_sample_of_a_network_does_not_pass_two_bifurcations_unseen():
+    """A strip on edge that holds a body, pushed along its width by seven times what tips it over: ``Gamma`` is as at first."""
+    strip = mr.Rod(length=0.3, bending_stiffness=(0.642, 0.02), torsional_stiffness=6.1378e-3)
+    body = mr.Body("body")
+    joints = [mr.Joint("strip", "base", to=mr.ground), mr.Joint("strip", "tip", to=body)]
+    robot = mr.Network(rods={"strip": strip}, bodies=[body], joints=joints)
+    time = np.linspace(0, 1, 3)
+    push = np.stack([0 * time, 3.53 * time, 0 * time], axis=-1)
+    history = mr.simulate(robot, robot.inputs(force=push), time=time)
+    assert history.status[1] is mr.Status.BIFURCATED
+    assert (history.stability == mr.Stability.STABLE).all()

@@ -5,7 +5,7 @@ Numbers in parentheses are those of ``docs/networks.md``.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from multirod.models.joint_kernels import AT_REST
 from multirod.models.network.elements.elements import GAP_AT, POSE
 from multirod.models.network.places import FOLLOWING, LOADED
 from multirod.models.network.starting import Apart, taken_apart
-from multirod.problem import STILL, neutral_ways
+from multirod.problem import STILL, BoundaryProblem, neutral_ways
 from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
@@ -171,9 +171,24 @@ class Closing:
             self.opening[:], self.soft[:], self.loading[:], self.shift[:] = own
 
 
-def load_scale(problem: "NetworkProblem") -> FloatArray:
-    """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""
-    return problem.found_for("load_scale", problem.read("inputs"), lambda: _load_scale(problem)).copy()
+class Loaded(BoundaryProblem):
+    """What acts on a network, in numbers."""
+
+    def load_scale(self) -> FloatArray:
+        """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""
+        problem = cast("NetworkProblem", self)
+        return problem.found_for("load_scale", problem.read("inputs"), lambda: _load_scale(problem)).copy()
+
+    def load_change(self, before: FloatArray) -> FloatArray:
+        """As of ``BoundaryProblem``, of what acts on bodies and tips, and of the weight of bodies."""
+        problem = cast("NetworkProblem", self)
+        return _load_on_bodies(problem, problem.read("inputs") - before) / _least_part(problem)
+
+
+def _least_part(problem: "NetworkProblem") -> float:
+    """The least stiffness of a rod, in bending or torsion, over the most in bending, which loads are counted in."""
+    every = [own.material[..., :3].min(axis=-1) / own.material[..., :2].max(axis=-1) for own in problem.graph.arrays]
+    return float(min(part.min() for part in every))
 
 
 def _load_scale(problem: "NetworkProblem") -> FloatArray:
@@ -181,6 +196,19 @@ def _load_scale(problem: "NetworkProblem") -> FloatArray:
     own = [group.backbones.load_scale().reshape(problem.instance_count, -1).max(axis=1) for group in problem.groups]
     total = np.sum(own, axis=0)
     inputs, L, EI = problem.read("inputs"), problem.length, problem.stiffness
+    total += _load_on_bodies(problem, inputs)
+    for push in problem.graph.pushes(inputs[:, problem.pushed_place]):
+        total += (np.abs(push).sum(axis=2) * (L / EI)[:, : problem.rod_count]).sum(axis=1)
+    held = problem.graph.ends[1].held
+    if held.any():
+        gap = problem.closing.apart().residual[:, problem.places[held, :6]] * L[:, : problem.rod_count][:, held, None]
+        total += (GAP_LOAD * np.linalg.norm(gap[..., :3], axis=2) + np.linalg.norm(gap[..., 3:], axis=2)).max(axis=1)
+    return np.asarray(total)
+
+
+def _load_on_bodies(problem: "NetworkProblem", inputs: FloatArray) -> FloatArray:
+    """What ``inputs`` (instance_count, input_count), or a change of them, are on bodies and tips, shape (instance_count,)."""
+    L, EI, total = problem.length, problem.stiffness, np.zeros(problem.instance_count)
     first, bodies = problem.rod_count, slice(problem.rod_count, None)
     rods = [*range(first, first + len(problem.graph.bodies)), *problem.graph.free, *(first + problem.graph.framed)]
     for name, power in zip((*LOADED, *FOLLOWING), (2, 1, 2, 1), strict=True):
@@ -189,12 +217,5 @@ def _load_scale(problem: "NetworkProblem") -> FloatArray:
             continue
         size = np.linalg.norm(given.reshape(problem.instance_count, -1, 3), axis=2)
         total += (size * L[:, rods] ** power / EI[:, rods]).sum(axis=1)
-    for push in problem.graph.pushes(inputs[:, problem.pushed_place]):
-        total += (np.abs(push).sum(axis=2) * (L / EI)[:, : problem.rod_count]).sum(axis=1)
     gravity = np.linalg.norm(inputs[:, problem.input_slice("gravity")], axis=1)
-    total += gravity * (problem.graph.mass * L[:, bodies] ** 2 / EI[:, bodies]).sum(axis=1)
-    held = problem.graph.ends[1].held
-    if held.any():
-        gap = problem.closing.apart().residual[:, problem.places[held, :6]] * L[:, : problem.rod_count][:, held, None]
-        total += (GAP_LOAD * np.linalg.norm(gap[..., :3], axis=2) + np.linalg.norm(gap[..., 3:], axis=2)).max(axis=1)
-    return np.asarray(total)
+    return np.asarray(total + gravity * (problem.graph.mass * L[:, bodies] ** 2 / EI[:, bodies]).sum(axis=1))

@@ -24,7 +24,7 @@ from multirod.models.backbone.starts import twisted
 from multirod.models.network import network_kernels as kernels
 from multirod.models.network.buffers import networks_of
 from multirod.models.network.capabilities import NetworkLines, NetworkParts, NetworkShapes
-from multirod.models.network.closing import Closing, load_scale
+from multirod.models.network.closing import Closing, Loaded
 from multirod.models.network.derivatives.along import NetworkSensing, columns_along
 from multirod.models.network.derivatives.designs import Aim, Columns, columns_of
 from multirod.models.network.elements.element_kernels import form
@@ -45,7 +45,7 @@ from multirod.status import Status
 from multirod.validation import FloatArray
 
 
-class NetworkProblem(BoundaryProblem):
+class NetworkProblem(Loaded):
     """Rods joined to bodies and the ground.
 
     Unknowns are, rod by rod, moment and force at its base, then the angles of the joints at its base and its tip; then where
@@ -395,6 +395,3 @@ class NetworkProblem(BoundaryProblem):
     def curvature_scale(self) -> FloatArray:  # noqa: D102
         own = [group.backbones.curvature_scale().reshape(self.instance_count, -1) for group in self.groups]
         return np.asarray(np.concatenate(own, axis=1).max(axis=1))
-
-    def load_scale(self) -> FloatArray:  # noqa: D102
-        return load_scale(self)
