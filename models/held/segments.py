@@ -314,11 +314,7 @@ class HeldSegments(BackboneSegments):
         cuts, few = self._cut_for_modes(points)
         if not few.any():
             return form
-        table = self.problem.buffers.twisting_table()
-        if table is self.problem.table:  # whose base is turned in its joint
-            table = self.table
-        else:
-            table.base_rotation = self.table.base_rotation
+        table = self.problem.buffers.twisting_table(self.table)  # the problem's own is turned in the base's joint
         found = self._launched(cuts, self.level(cuts.instances), table)
         chosen = cuts.instances
         transition, first = self._transitions(cuts, found), cuts.first

@@ -103,12 +103,17 @@ class Buffers:
         own.residual = self.zeros(unknown_count)
         own.position, own.rotation = self.zeros(dtype=wp.vec3d), self.zeros(dtype=wp.mat33d)
 
-    def twisting_table(self) -> Struct:
-        """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it, (8s)."""
+    def twisting_table(self, like: Struct | None = None) -> Struct:
+        """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it, (8s).
+
+        Its base is that of the table ``like``, the problem's own by default, which may turn in a joint; and it is that table where
+        no rod is rigid.
+        """
+        own = self.problem.table if like is None else like
         material = self.problem.arrays.material
         rigid = np.isinf(material[..., 2])
         if not rigid.any() and not self.problem.features.eccentric:
-            return self.problem.table
+            return own
         material = np.array(material)
         if self.problem.features.eccentric:
             stiffest = material[..., :2].max(axis=(1, 2, 3), keepdims=True)
@@ -116,8 +121,7 @@ class Buffers:
         material[..., 5][rigid] = 1 / (RIGID * material[..., :2].max(axis=-1)[rigid])
         table: Struct = self.table()
         table.material = self.array(material)
-        own = self.problem.table
-        table.base_position, table.base_rotation = own.base_position, own.base_rotation  # which may turn in a joint
+        table.base_position, table.base_rotation = own.base_position, own.base_rotation
         return table
 
 
