@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -120,6 +120,16 @@ class Cuts:
             self.unknowns[some],
             self.steps[rows],
         )
+
+    def over(self, length: FloatArray) -> "Cuts":
+        """These, stretched alike, of rods that are now so long [m], shape (count,)."""
+        tips = self.first[1:] - 1
+        if (self.end[tips] == length).all():
+            return self
+        ratio = (length / self.end[tips])[self.owner]
+        start, end = ratio * self.start, ratio * self.end
+        end[tips] = length
+        return replace(self, start=start, end=end)
 
     def put(self, some: BoolArray, other: "Cuts") -> "Cuts":
         """These, with those of some of the instances, (count,), all that ``other`` has, replaced."""

@@ -1,7 +1,7 @@
 """What every solver has in common, and where third parties add theirs."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
@@ -198,7 +198,8 @@ class Solver(ABC):
         Args:
             problem: The problem; its buffers hold the result.
             guess: Unknowns to start from (instance_count, n); without it, the natural branch is meant. So it is of instances
-                whose row is NaN, as of what failed, where the problem offers parts.
+                whose row is NaN, as of what failed, where the problem offers parts. Of what the problem's ``breakpoints`` know,
+                they alone lead nowhere: a solver may start from the states there.
             leave: Whether a few that take long may be left to ``finish``, with those of other parts of a batch; their status is
                 that of a failure.
 
@@ -209,28 +210,48 @@ class Solver(ABC):
         reasons = self.unsupported(problem)
         if reasons:
             raise ValueError(f"{type(self).__name__} cannot take this problem: " + "; ".join(reasons))
+        points, problem.breakpoints = problem.breakpoints, {}
         with problem.alone, problem.everyone(), problem.at_load(1.0):
             known = None if guess is None else knows(problem, guess)
             if guess is None and leave:
                 outcome = self._solve_most(problem)
+            elif guess is not None and points and problem.parts is not None:
+                outcome = self._some_guessed(problem, guess, np.asarray(np.isfinite(guess).all(axis=1)), points)
             elif guess is None or known is None or known.all():
                 outcome = self._solve(problem, guess)
             elif known.any() and problem.parts is not None:
-                outcome = self._some_guessed(problem, guess, known)
+                outcome = self._some_guessed(problem, guess, known, {})
             else:
                 outcome = self._solve(problem, None if not known.any() else guess)
             refuse_unfit(problem, outcome)
         return outcome
 
-    def _some_guessed(self, problem: BoundaryProblem, guess: FloatArray, known: NDArray[np.bool_]) -> Outcome:
-        """From a guess where there is one, without where there is none: each as it is alone."""
+    def _some_guessed(
+        self,
+        problem: BoundaryProblem,
+        guess: FloatArray,
+        known: NDArray[np.bool_],
+        points: Mapping[int, Breakpoints],
+    ) -> Outcome:
+        """From a guess where there is one, from ``points`` where these are of it, without where there is none: each as it is
+        alone."""
         assert problem.parts is not None
-        places, outcomes = [np.flatnonzero(known), np.flatnonzero(~known)], []
-        for own, start in zip(places, (guess[known], None), strict=True):
+        cut = known & np.isin(np.arange(len(known)), list(points))
+        groups = [np.flatnonzero(some) for some in (known & ~cut, ~known, cut)]
+        outcomes = []
+        for own, start in zip(groups, (guess[groups[0]], None, guess[groups[2]]), strict=True):
+            if not len(own):
+                continue
             part = problem.parts.of(own)
-            outcomes.append(self._solve(part, start))
+            mine = taken(points, own)
+            outcomes.append(self._resume(part, start, mine) if mine and start is not None else self._solve(part, start))
             problem.keep(part, own)
-        return Outcome.joined(outcomes).take(np.argsort(np.concatenate(places)))
+        return Outcome.joined(outcomes).take(np.argsort(np.concatenate(groups)))
+
+    def _resume(self, problem: BoundaryProblem, guess: FloatArray, points: Mapping[int, Breakpoints]) -> Outcome:
+        """Solve every instance from a guess that is known by its states at ``points``: by its unknowns, where nothing else is
+        known of them."""
+        return self._solve(problem, guess)
 
     @abstractmethod
     def _solve(self, problem: BoundaryProblem, guess: FloatArray | None) -> Outcome:

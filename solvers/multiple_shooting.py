@@ -1,7 +1,7 @@
 """Multiple shooting: the rod in segments short enough that none amplifies an error by much, along the natural branch."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from multirod.integrators import RK45, Integrator
 from multirod.naming import OPTIONS_NAMED, fields_hinted
 from multirod.problem import BoundaryProblem
-from multirod.segments import Segments, placed
+from multirod.segments import Breakpoints, Cuts, Segments, placed
 from multirod.solver import Outcome, Solver, Track, knows
 from multirod.solvers.continuation.pace import ROUNDED_OFF, RUNAWAY
 from multirod.solvers.newton.iteration import Newton
@@ -75,6 +75,54 @@ class MultipleShooting(Solver):
             return self._anew(problem, allowed)
         paths = self._paths(problem, np.arange(problem.instance_count), allowed)
         return self._report(problem, paths, paths.solve_from(guess), natural=False)
+
+    def _resume(self, problem: BoundaryProblem, guess: FloatArray, points: Mapping[int, Breakpoints]) -> Outcome:
+        return self.resume(problem, guess, points, np.full(problem.instance_count, self.max_integrations))
+
+    def resume(
+        self, problem: BoundaryProblem, guess: FloatArray, points: Mapping[int, Breakpoints], allowed: IntArray
+    ) -> Outcome:
+        """All instances from a guess of their unknowns, (instance_count, n), and of the states at ``points``, each by as many
+        integrations as it is ``allowed``."""
+        everyone = np.arange(problem.instance_count)
+        paths = self._paths(problem, everyone, allowed)
+        cuts = Cuts.of_points({k: replace(points[k], unknowns=guess[k]) for k in everyone.tolist()})
+        results = paths.settled(cuts.over(paths.segments.length(everyone)))
+        return self._report(problem, paths, results, natural=False)
+
+    def states(self, problem: BoundaryProblem, instances: IntArray) -> dict[int, Breakpoints]:
+        """Breakpoints of some instances, (k,), that their unknowns lead to, and between which nothing is amplified by much."""
+        count = len(instances)
+        paths = self._paths(problem, instances, np.full(count, self.max_integrations))
+        steps = np.full(count, self.integrator.steps or 0)
+        place = paths.begin(problem.read("unknowns")[instances], np.ones(count), steps)
+        return {k: place.cuts.points(at) for at, k in enumerate(instances.tolist()) if place.found.fault[at] == 0}
+
+    def resume_branch(
+        self, problem: BoundaryProblem, last: FloatArray | Mapping[int, Breakpoints], before: FloatArray, allowed: IntArray
+    ) -> tuple[Outcome, dict[int, Breakpoints]]:
+        """All instances from their last equilibria, ``NOT_RUN`` where that leads off their branches; and by what breakpoints each
+        is known now, though its unknowns may lead to its tip as well.
+
+        Args:
+            problem: At the new inputs.
+            last: Unknowns of these equilibria, (instance_count, n), or breakpoints.
+            before: Inputs at which they were found, (instance_count, k).
+            allowed: Integrations that each may take, (instance_count,).
+        """
+        everyone, now = np.arange(problem.instance_count), problem.read("inputs")
+        paths, full = self._paths(problem, everyone, allowed), np.ones(len(everyone))
+        problem.write("inputs", before)
+        if isinstance(last, np.ndarray):
+            place = paths.begin(last, full, np.full(len(everyone), self.integrator.steps or 0))
+        else:
+            place = paths.evaluate(Cuts.of_points(last), full)
+        systems = paths.systems(place)
+        problem.write("inputs", now)
+        results = paths.resume(place.cuts.over(paths.segments.length(everyone)), systems)
+        found = np.flatnonzero(results.status == Status.MULTIPLE_SHOOTING).tolist()
+        points = {k: results.place.cuts.points(k, float(results.residual[k])) for k in found}
+        return self._report(problem, paths, results, natural=True), points
 
     def _anew(self, problem: BoundaryProblem, allowed: IntArray) -> Outcome:
         """All instances along their natural branches, each by as many integrations as it is allowed."""
@@ -295,7 +343,7 @@ class _Resumed(Track):
         last = self.last.chosen(known)
         resumed = solver._paths(problem, np.flatnonzero(known), paths.allowed[known])
         systems = Systems(last.cuts, last.found, resumed.segments.unknown_places, problem.device)
-        some = resumed.resume(last.cuts, systems)
+        some = resumed.resume(last.cuts.over(resumed.segments.length(resumed.instances)), systems)
         results = Results(np.full(count, int(Status.NOT_RUN)), self.last, np.full(count, np.nan), np.ones(count))
         results.put(known, some)
         paths.integrations[known], paths.iterations[known] = resumed.integrations, resumed.iterations

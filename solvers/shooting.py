@@ -1,15 +1,20 @@
 """Shooting: Newton's method with the exact Gamma, along the natural branch or along a motion."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from multirod.integrators import RK45, Integrator
 from multirod.naming import OPTIONS_NAMED, fields_hinted
 from multirod.problem import BoundaryProblem
+from multirod.segments import Breakpoints
 from multirod.solver import Left, Outcome, Solver, Track
+from multirod.solvers.following.onward import in_segments
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.starting.cold_start import ColdStart
 from multirod.solvers.tracking.newton_track import NewtonTrack
-from multirod.status import Status
+from multirod.status import Status, failures
 from multirod.validation import FloatArray, boolean, choice, positive_int
 
 PREDICTORS = ("none", "linear", "quadratic", "adaptive")
@@ -109,6 +114,26 @@ class Shooting(Solver):
         with problem.without_poses():
             newton.run(~beyond if beyond.any() else None)
         return newton.outcome()
+
+    def _resume(self, problem: BoundaryProblem, guess: FloatArray, points: Mapping[int, Breakpoints]) -> Outcome:
+        method = in_segments(self)
+        if method.unsupported(problem) or problem.parts is None:
+            return self._solve(problem, guess)
+        problem.side = self.sign
+        everyone = np.arange(problem.instance_count)
+        part = problem.parts.of(everyone, double=True)
+        outcome = method.resume(part, guess, points, np.full(len(everyone), min(self.max_integrations, method.max_integrations)))
+        problem.keep(part, everyone)
+        lost = np.flatnonzero(failures(outcome.status))
+        if len(lost):  # by unknowns, though these hardly lead to tips
+            part = problem.parts.of(lost)
+            again = self._solve(part, guess[lost])
+            problem.keep(part, lost)
+            again.integrations += outcome.integrations[lost]
+            again.iterations += outcome.iterations[lost]
+            outcome.status[lost], outcome.integrations[lost] = again.status, again.integrations
+            outcome.iterations[lost] = again.iterations
+        return outcome
 
     def _solve_most(self, problem: BoundaryProblem) -> Outcome:
         problem.side = self.sign

@@ -23,7 +23,9 @@ from multirod.results.solution import Solution
 from multirod.reuse import borrowed
 from multirod.running.gathered import Results
 from multirod.running.progress import Watch
+from multirod.segments import Breakpoints, taken
 from multirod.solver import Left, Solver, Tested
+from multirod.solvers.multiple_shooting import NOISY, MultipleShooting
 from multirod.solvers.shooting import Shooting
 from multirod.studies.terms.simplify import simplified
 from multirod.types import Numbers
@@ -125,6 +127,7 @@ def solve(
                 problem = held.enter_context(borrowed(robot, inputs, device=device, instances=some, **_needs(method)))
                 problem.stop = stop
                 start = unknowns_of_guess(guess, problem, count, piece)
+                problem.breakpoints = states_of_guess(guess, problem, count, piece)
             outcome = method.solve(problem, start, leave=len(pieces) > 1)
             results.put(0, np.arange(piece.start, piece.stop), problem.snapshot(), outcome, problem)
         if outcome.left is not None:
@@ -312,6 +315,27 @@ def unknowns_of_guess(guess: object, problem: BoundaryProblem, count: int, piece
         given = f"a {type(guess).__name__} of {kind} that has {size} unknowns{' an instance' * bool(guess.batch_shape)}"
         refuse("guess", Described(given), f"must be of this robot, which has {problem.unknown_count} here")
     return guess.assembly.begin_at(known, guess, problem, piece) if isinstance(guess, Solution) else known
+
+
+def states_of_guess(guess: object, problem: BoundaryProblem, count: int, piece: slice) -> dict[int, Breakpoints]:
+    """The states of a guess whose unknowns alone hardly lead to its tip, by the problem's instances, where they are such as the
+    problem has: those that it is known by, or to which an integration at its own inputs leads."""
+    if not isinstance(guess, Solution) or (segments := problem.segments) is None:
+        return {}
+    alone = prod(guess.batch_shape) == 1
+    rows = np.zeros(problem.instance_count, dtype=int) if alone else np.arange(count)[piece]
+    known = taken(guess._outcome.breakpoints, rows)
+    with np.errstate(invalid="ignore", over="ignore"):
+        sensitive = np.linalg.norm(guess._records[rows][:, guess._scene.fields["gamma"]], axis=1) > NOISY
+    sensitive &= ~guess._failed[rows]
+    if sensitive.any():
+        with guess._problem(None if alone else piece) as there:
+            if there.segments is not None:
+                own = np.flatnonzero(sensitive)
+                led = MultipleShooting(integrator=guess._scene.integrator).states(there, own[:1] * 0 if alone else own)
+                known |= {k: led[0 if alone else k] for k in own.tolist() if (0 if alone else k) in led}
+    size = segments.base_state(np.zeros(1, dtype=int), problem.guess()[:1]).shape[1] if known else 0
+    return {k: own for k, own in known.items() if own.states.shape[1] == size}
 
 
 def even_times(time: object) -> tuple[FloatArray, float]:

@@ -12,11 +12,13 @@ from multirod.solvers.continuation.paths import TURN, Paths
 from multirod.solvers.following.descent import SOFT
 from multirod.solvers.following.follow import ENDED, FINER
 from multirod.solvers.following.onward import go_on
+from multirod.solvers.multiple_shooting import NOISY
 from multirod.solvers.newton.iteration import UNLIMITED
 from multirod.solvers.newton.newton_kernels import FORGOTTEN, Sample
 from multirod.solvers.starting.cold_start import ColdStart
 from multirod.solvers.starting.letting_out import let_out, loosened
 from multirod.solvers.tracking.bends import SAME, bent, ended
+from multirod.solvers.tracking.by_states import LastStates
 from multirod.solvers.tracking.kinks import passed_kinks
 from multirod.stability import modes_of
 from multirod.status import BoolArray, Status, failures
@@ -85,6 +87,7 @@ class NewtonTrack(Track):
         self._sample: tuple[Any, Any] | None = None  # the launch of a sample, and what it calls
         self._active: NDArray[Any] | None = problem.buffer("active") if wp.get_device(problem.device).is_cpu else None
         self.inputs: FloatArray | None = None  # those of the last good sample
+        self._states = LastStates(options, problem)  # of what was found by these
         self.known = np.zeros(problem.instance_count, dtype=bool)  # instances that have had a good sample, or a guess
         self.all_known = False
         # where branches are near: what came there by an event
@@ -118,7 +121,8 @@ class NewtonTrack(Track):
     def _step(self) -> Outcome:
         problem, newton = self.problem, self.newton
         self._forget_taut()
-        if self.all_known and self.inputs is not None and not self._any_fresh and (calls := newton.calls()) is not None:
+        calm = self.all_known and not self._states
+        if calm and self.inputs is not None and not self._any_fresh and (calls := newton.calls()) is not None:
             if self._sample is None or self._sample[0] is not calls:
                 self._sample = calls, newton.repeating(calls, self._state)
             problem.heed_stop()
@@ -126,30 +130,41 @@ class NewtonTrack(Track):
             if self._good[0]:
                 return newton.outcome()
             newton.go_on()  # where it was not at its end
-            return self._made_sure(newton.outcome(), None)
-        first = None
-        if not self.all_known:
+            return self._made_sure(newton.outcome(), None, self.known)
+        first, going = None, self.known
+        if not calm:
             if not self._points[0]:
                 self._past[:, 0], self._points[0] = problem.guess(), 1
-            first = ColdStart(self.options, problem, newton, ~self.known).run()
-            if not self.known.any():
-                return self._keep(first)
+            first, begun = self._begun()
+            going = self.known & ~begun
+            if not going.any():
+                return self._made_sure(first, first, going) if self.known.any() else self._keep(first)
         guess = self._foreseen()
         if first is not None:
-            guess = np.where(self.known[:, None], guess, problem.read("unknowns"))
+            guess = np.where(going[:, None], guess, problem.read("unknowns"))
         problem.write("unknowns", guess)
         newton.allow(self.options.max_integrations)
-        newton.run(None if first is None else self.known)
+        newton.run(None if first is None else going)
         outcome = newton.outcome()
         if first is not None:
-            for mine, theirs in (
-                (outcome.status, first.status),
-                (outcome.iterations, first.iterations),
-                (outcome.integrations, first.integrations),
-            ):
-                mine[~self.known] = theirs[~self.known]
+            outcome.status[~going] = first.status[~going]
+            outcome.iterations = first.iterations + np.where(going, outcome.iterations, 0)
+            outcome.integrations = first.integrations + np.where(going, outcome.integrations, 0)
             outcome.breakpoints, outcome.events = first.breakpoints, first.events
-        return self._made_sure(outcome, first)
+        return self._made_sure(outcome, first, going)
+
+    def _begun(self) -> tuple[Outcome, BoolArray]:
+        """The sample of what was found by its states, from these, and without a guess of what has no unknowns to begin with; and
+        of which that is all that can be done, shape (instance_count,)."""
+        outcome, found = self._states.resume()
+        new = ~self.known & ~found
+        if new.any():
+            again = ColdStart(self.options, self.problem, self.newton, new).run()
+            outcome.end_with(again, new)
+            outcome.reached = again.reached
+            outcome.breakpoints |= again.breakpoints
+            outcome.events |= again.events
+        return outcome, found | new
 
     def _foreseen(self) -> FloatArray:
         """Unknowns by extrapolation of the last samples, shape (instance_count, n)."""
@@ -178,21 +193,23 @@ class NewtonTrack(Track):
             self.fresh &= ~self._taut
             self.all_known = False
 
-    def _made_sure(self, outcome: Outcome, first: Outcome | None) -> Outcome:
-        """What may have left its branch is solved again, and the sample is kept."""
+    def _made_sure(self, outcome: Outcome, first: Outcome | None, going: BoolArray) -> Outcome:
+        """What may have left its branch, of those that Newton's method was ``going`` with, is solved again, and the sample is
+        kept."""
         problem, newton = self.problem, self.newton
         turned = self._turned()
         fresh, edge = bool(self.fresh.any()), self.edge.copy()
         if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh or edge.any()):
-            doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & self.known
+            doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & going
             doubtful &= ~passed_kinks(problem, newton, doubtful & (outcome.status == _CONVERGED), self.last)
             if turned is not None:
-                doubtful |= turned & self.known
+                doubtful |= turned & going
             calm, own = ~doubtful, problem.read("unknowns") if fresh else None
-            doubtful |= self.fresh
+            doubtful |= self.fresh & going
             beyond = doubtful & problem.out_of_reach()  # where no way leads
             outcome.status[beyond] = Status.OUT_OF_REACH
             doubtful &= ~beyond
+            doubtful &= ~self._by_states(doubtful, outcome, self.inputs)
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
             if own is not None:
@@ -202,6 +219,20 @@ class NewtonTrack(Track):
                 self._leave_edge(edge & (outcome.status == _CONVERGED), outcome, self.inputs)
             self._begin_anew(outcome, self.inputs)
         return self._keep(outcome)
+
+    def _by_states(self, doubtful: BoolArray, outcome: Outcome, before: FloatArray) -> BoolArray:
+        """Solve those again, from the states of the last good sample, whose base alone hardly leads to their tips. Which were
+        found, shape (instance_count,)."""
+        lost = doubtful & ~self.fresh
+        if not lost.any() or self.problem.segments is None:
+            return np.zeros_like(lost)
+        lost &= np.linalg.norm(self.newton.reference(), axis=1) > NOISY
+        again, found = self._states.rescue(lost, self.last, before)
+        outcome.status[found] = again.status[found]
+        outcome.iterations += again.iterations
+        outcome.integrations += again.integrations
+        outcome.breakpoints |= again.breakpoints
+        return found
 
     def _turned(self) -> BoolArray | None:
         """Which instances were turned too far since the last good sample; None if none was."""
@@ -321,6 +352,8 @@ class NewtonTrack(Track):
             self._learn(found, np.ones_like(self.known), np.zeros_like(self.known))
             past[:] = _shifted(past, found)
             self._last_inputs[:] = inputs
+            if self._states:
+                self._states.keep(outcome, inputs)
             self.newton.set_reference()
         else:
             # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
@@ -337,8 +370,10 @@ class NewtonTrack(Track):
             self._last_inputs[:] = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
             self.newton.set_reference(good)
             self.known |= good
+            self.known[list(outcome.breakpoints)] = False
             self.known &= ~self._taut
             self.all_known = bool(self.known.all())
+            self._states.keep(outcome, inputs)
         self._points[0] = min(self._points[0] + 1, self.order + 1)
         self.inputs = self._last_inputs
         self._any_fresh = bool(self.fresh.any() or self.edge.any())

@@ -106,8 +106,8 @@ class Buffers:
     def twisting_table(self, like: Struct | None = None) -> Struct:
         """The rods, one that is rigid in torsion only ``RIGID`` times stiffer than in bending: columns need to twist it, (8s).
 
-        Its base is that of the table ``like``, the problem's own by default, which may turn in a joint; and it is that table where
-        no rod is rigid.
+        Its base is that of the table ``like``, the problem's own by default, which may turn in a joint; and it is that table
+        where no rod is rigid.
         """
         own = self.problem.table if like is None else like
         material = self.problem.arrays.material

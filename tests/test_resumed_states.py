@@ -1,0 +1,113 @@
+"""What is known by its states at breakpoints alone is a guess for what is beside it, and where the next sample begins."""
+
+import numpy as np
+import pytest
+
+import multirod as mr
+
+EI, LENGTH = 0.02, 0.4
+UNIT = EI / LENGTH**2
+ROBOT = mr.SingleRod(
+    mr.Rod(length=LENGTH, bending_stiffness=(EI, 1.5 * EI), torsional_stiffness=0.6 * EI, precurvature=(4, -2, 6))
+)
+WAY = np.array([1, 0, 0.3]) / np.linalg.norm([1, 0, 0.3])
+BY_SEGMENTS, SOON = mr.Status.MULTIPLE_SHOOTING, 30  # integrations; without a guess these take 160 to 570
+NEAR = 1e-8 * LENGTH  # what steps of RK45() leave, other ones from the base than between breakpoints
+SOLVERS = {
+    "Shooting": mr.Shooting(),
+    "MultipleShooting": mr.MultipleShooting(),
+    "finer": mr.Shooting(integrator=mr.RK45(rtol=1e-10, atol=1e-12)),
+}
+
+
+def pulled(times, **others):
+    """Inputs by the force on the tip, in EI/L^2."""
+    return ROBOT.inputs(tip_force=np.asarray(times)[..., None] * UNIT * WAY, **others)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return mr.solve(ROBOT, pulled([500, 1000, 2000])).raise_if_failed()
+
+
+@pytest.mark.parametrize("solver", SOLVERS.values(), ids=SOLVERS)
+@pytest.mark.parametrize("times", [1.0, 1.01, 1.05])
+def test_a_solution_by_segments_is_a_guess_beside_it(found, solver, times):
+    """Even at its own inputs, it was ``STALLED`` or ``MAX_ITERATIONS``: the base alone does not lead to its tip."""
+    inputs = pulled(np.array([500, 1000, 2000]) * times)
+    again = mr.solve(ROBOT, inputs, solver=solver, guess=found).raise_if_failed()
+    assert (again.status == BY_SEGMENTS).all()
+    assert again.integrations.max() < SOON
+    whole = mr.solve(ROBOT, inputs, solver=solver).raise_if_failed()
+    np.testing.assert_allclose(again.tip_position, whole.tip_position, rtol=0, atol=NEAR)
+    alone = mr.solve(ROBOT, inputs[1], solver=solver, guess=found[1])
+    np.testing.assert_array_equal(alone.tip_position, again.tip_position[1])
+
+
+def test_of_one_guess_for_many_of_a_file_and_of_another_length(found, tmp_path):
+    found[1].save(tmp_path / "found.npz")
+    guess = mr.load(tmp_path / "found.npz")
+    inputs = pulled([990, 1010], translation=[0.02, -0.05])
+    again = mr.solve(ROBOT, inputs, guess=guess).raise_if_failed()
+    assert again.integrations.max() < SOON
+    np.testing.assert_allclose(again.tip_position, mr.solve(ROBOT, inputs).tip_position, rtol=0, atol=NEAR)
+
+
+@pytest.mark.parametrize("times", [50.0, 100.0, 200.0])
+@pytest.mark.parametrize("change", [1.001, 1.05])
+def test_unknowns_that_hardly_lead_to_a_tip_are_a_guess_by_the_states_they_lead_to(times, change):
+    """It was ``STALLED``, or an equilibrium where the tip is farther off than it moves."""
+    there = mr.solve(ROBOT, pulled(times)).raise_if_failed()
+    again = mr.solve(ROBOT, pulled(times * change), guess=there).raise_if_failed()
+    assert again.integrations < SOON
+    whole = mr.solve(ROBOT, pulled(times * change)).raise_if_failed()
+    np.testing.assert_allclose(again.tip_position, whole.tip_position, rtol=0, atol=NEAR)
+
+
+def test_a_guess_of_which_some_are_known_by_states_some_by_unknowns_and_some_failed():
+    stopped = mr.Shooting(max_integrations=200)
+    mixed = mr.solve(ROBOT, pulled([1, 1000, 500]), solver=stopped)
+    assert mixed.status.tolist() == [mr.Status.CONVERGED, BY_SEGMENTS, mr.Status.INTEGRATION_LIMIT]
+    inputs = pulled([1.1, 1010, 2])
+    again = mr.solve(ROBOT, inputs, guess=mixed)
+    assert again.status.tolist() == [mr.Status.CONVERGED, BY_SEGMENTS, mr.Status.CONVERGED]
+    assert again.integrations.max() < SOON
+    np.testing.assert_allclose(again.tip_position, mr.solve(ROBOT, inputs).tip_position, rtol=0, atol=NEAR)
+
+
+def test_states_of_a_robot_that_has_others_are_left_out(found):
+    """Loads along the rod have states of their own: the guess is its unknowns, as of an array, and no error."""
+    inputs = pulled(1000.0, distributed_force=(0.0, 0.0, 1e-3))
+    by_states = mr.solve(ROBOT, inputs, guess=found[1])
+    assert by_states.failed or np.linalg.norm(by_states.tip_position - mr.solve(ROBOT, inputs).tip_position) < NEAR
+
+
+@pytest.mark.parametrize("solver", list(SOLVERS.values())[:2], ids=list(SOLVERS)[:2])
+@pytest.mark.parametrize("ends", [(0.0, -0.12), (-0.12, 0.02)], ids=["in", "out"])
+def test_each_sample_of_a_motion_begins_where_the_last_ended(solver, ends):
+    """Pulled in by more than the last segment, it was ``BRANCH_END``; by ``Shooting`` each sample was solved from nothing."""
+    translation = np.linspace(*ends, 25)
+    inputs = pulled(np.linspace(900, 1000, 25), translation=translation)
+    history = mr.simulate(ROBOT, inputs, time=0.01 * np.arange(25), solver=solver).raise_if_failed()
+    assert history.integrations[1:].max() < SOON
+    np.testing.assert_allclose(history.tip_position[::6], mr.solve(ROBOT, inputs[::6]).tip_position, rtol=0, atol=NEAR)
+
+
+def test_a_motion_is_by_unknowns_again_where_these_do():
+    """Let go and pulled again, 77 of 120 samples were ``STALLED``, each after some thousand integrations."""
+    times = np.concatenate([np.linspace(600, 2, 60), np.linspace(2, 600, 60)])
+    history = mr.simulate(ROBOT, pulled(times), time=0.01 * np.arange(120)).raise_if_failed()
+    assert {mr.Status.CONVERGED, BY_SEGMENTS} == set(map(mr.Status, history.status))
+    assert history.integrations.mean() < 60
+    np.testing.assert_allclose(history.tip_position[::30], mr.solve(ROBOT, pulled(times[::30])).tip_position, rtol=0, atol=NEAR)
+
+
+def test_a_held_cable_that_is_known_by_states_is_a_guess_beside_it():
+    end = np.eye(4)
+    end[:3, 3] = 0.02, 0.0, 0.98
+    robot = mr.HeldRod(mr.Rod(length=1, bending_stiffness=1e-5, torsional_stiffness=1e-5, linear_density=0.1), end=end)
+    found = mr.solve(robot, robot.inputs(gravity=(0, 0, -9.81))).raise_if_failed()
+    inputs = robot.inputs(gravity=(0, 0, -9.9), end_position=(0.001, 0, 0))
+    again = mr.solve(robot, inputs, guess=found).raise_if_failed()
+    assert again.integrations < SOON < found.integrations
+    np.testing.assert_allclose(again.end_force, mr.solve(robot, inputs).end_force, rtol=0, atol=1e-6)
