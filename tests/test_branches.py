@@ -540,16 +540,17 @@ def test_of_mirror_images_a_solve_of_tubes_gives_the_side_of_the_rule(more):
     np.testing.assert_allclose(tip["negative"], tip["positive"] * (-1, 1, 1), rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("samples", [3, 5])
-def test_a_sample_does_not_pass_two_bifurcations_unseen(samples):
-    """A strip on edge, pushed along its width: two modes vanish on the way to the second sample, and ``Gamma`` is as at first."""
+@pytest.mark.parametrize(("samples", "most"), [(2, 4.9564), (3, 6.7404), (5, 6.7404)])
+def test_a_sample_does_not_pass_two_bifurcations_unseen(samples, most):
+    """A strip on edge, pushed along its width: two modes vanish on the way to the second sample, and ``Gamma`` is as at first; of
+    two samples Newton's method contracts as if nothing were on the way."""
     robot = mr.SingleRod(mr.Rod(length=0.3, bending_stiffness=(0.642, 0.02), torsional_stiffness=6.1378e-3))
     time = np.linspace(0, 1, samples)
-    push = np.stack([0 * time, 6.7404 * time, 0 * time], axis=-1)
+    push = np.stack([0 * time, most * time, 0 * time], axis=-1)
     history = mr.simulate(robot, robot.inputs(tip_force=push), time=time)
     assert history.status[1] is mr.Status.BIFURCATED
     assert (history.stability == mr.Stability.STABLE).all()
     # Prandtl's load, 4.0126 (EI GJ)^1/2/L^2, of a strip that is stiff in its plane: this one bends a little before
     critical = 4.0126 * np.sqrt(0.02 * 6.1378e-3) / 0.3**2
     ((event,), *_) = (sample for sample in history.events if sample)
-    assert event.time == pytest.approx(critical / 6.7404, rel=0.05)
+    assert event.time == pytest.approx(critical / most, rel=0.05)

@@ -323,6 +323,9 @@ class Sample:
     last_inputs: wp.array2d[wp.float64]  # of the last good sample
     turned: wp.vec2i  # which of them are angles that may turn rods too far, from and to
     most_turn: wp.float64
+    weights: wp.array2d[wp.float64]  # (instance, input): how large a load is one of each; no element where that is not told
+    most_change: wp.float64  # of loads, or so much of them as
+    most_growth: wp.float64  # says
     slow: wp.float64  # contraction from which on a branch may have been left
     most_integrations: int
     good: wp.array[int]  # (1,): whether the sample needs no other look, and is the last good one now
@@ -366,6 +369,13 @@ def calm(state: wp.ref[NewtonState], sample: wp.ref[Sample], t: int) -> bool:
         turn = sample.inputs[t, i] - sample.last_inputs[t, i]
         least = wp.min(least, turn)
         most = wp.max(most, turn)
+    changed = f64(0.0)
+    loaded = f64(0.0)
+    for i in range(sample.weights.shape[1]):
+        changed += sample.weights[t, i] * wp.abs(sample.inputs[t, i] - sample.last_inputs[t, i])
+        loaded += sample.weights[t, i] * wp.abs(sample.inputs[t, i])
+    if changed > wp.max(sample.most_change, sample.most_growth * loaded):
+        return False
     converged = state.status[t] == wp.static(int(Status.CONVERGED)) and state.contraction[t] <= sample.slow
     return converged and state.change[t] <= f64(wp.static(LARGE_CHANGE)) and not most - least > sample.most_turn
 

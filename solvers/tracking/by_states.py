@@ -1,5 +1,6 @@
 """Samples of a motion that begin at the last one's states at breakpoints, where unknowns alone lead nowhere: along, soft rods."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,10 +47,11 @@ class LastStates:
             known = {k: own for k, own in known.items() if not lost[k] and (sensitive[k] or k in outcome.breakpoints)}
         self._points, self._now, self._inputs = known, {}, inputs
 
-    def resume(self) -> tuple[Outcome, BoolArray]:
-        """The next sample of all that are known so, in the problem's buffers; and which were found, (instance_count,): what is
-        led off its branch is not."""
-        places = np.array(list(self._points), dtype=int)
+    def resume(self, changed: Callable[[FloatArray], BoolArray | None]) -> tuple[Outcome, BoolArray]:
+        """The next sample of all that are known so, but those whose loads have ``changed`` too much since some inputs, in the
+        problem's buffers; and which were found, (instance_count,): what is led off its branch is not."""
+        far = changed(self._inputs) if self._points else None
+        places = np.array([k for k in self._points if far is None or not far[k]], dtype=int)
         return self._from(places, taken(self._points, places), self._inputs)
 
     def rescue(self, lost: BoolArray, unknowns: FloatArray, before: FloatArray) -> tuple[Outcome, BoolArray]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome, Track, knows
-from multirod.solvers.continuation.paths import TURN, Paths
+from multirod.solvers.continuation.paths import GROWTH, SAFE_LOAD, TURN, Paths
 from multirod.solvers.following.descent import SOFT
 from multirod.solvers.following.follow import ENDED, FINER
 from multirod.solvers.following.onward import go_on
@@ -80,6 +80,8 @@ class NewtonTrack(Track):
             state.inputs = problem.inputs
         turned = problem.turned if problem.may_jump else slice(0, 0)
         state.turned, state.most_turn = wp.vec2i(turned.start, turned.stop), TURN
+        state.weights = wp.zeros((0, 0), dtype=wp.float64, device="cpu")
+        state.most_change, state.most_growth = SAFE_LOAD, GROWTH
         state.order, state.slow, state.most_integrations = self.order, self.newton.slow, min(options.max_integrations, UNLIMITED)
         self._state = state
         self._past, self._last_inputs = state.past.numpy(), state.last_inputs.numpy()
@@ -124,6 +126,7 @@ class NewtonTrack(Track):
         calm = self.all_known and not self._states
         if calm and self.inputs is not None and not self._any_fresh and (calls := newton.calls()) is not None:
             if self._sample is None or self._sample[0] is not calls:
+                self._state.weights = wp.array(self._weights(), dtype=wp.float64, device="cpu")
                 self._sample = calls, newton.repeating(calls, self._state)
             problem.heed_stop()
             self._sample[1].launch()
@@ -156,7 +159,7 @@ class NewtonTrack(Track):
     def _begun(self) -> tuple[Outcome, BoolArray]:
         """The sample of what was found by its states, from these, and without a guess of what has no unknowns to begin with; and
         of which that is all that can be done, shape (instance_count,)."""
-        outcome, found = self._states.resume()
+        outcome, found = self._states.resume(self._changed)
         new = ~self.known & ~found
         if new.any():
             again = ColdStart(self.options, self.problem, self.newton, new).run()
@@ -197,19 +200,19 @@ class NewtonTrack(Track):
         """What may have left its branch, of those that Newton's method was ``going`` with, is solved again, and the sample is
         kept."""
         problem, newton = self.problem, self.newton
-        turned = self._turned()
+        far = [some for some in (self._turned(), self._changed(self.inputs)) if some is not None]
         fresh, edge = bool(self.fresh.any()), self.edge.copy()
-        if self.inputs is not None and (newton.doubtful() or first is not None or turned is not None or fresh or edge.any()):
+        if self.inputs is not None and (newton.doubtful() or first is not None or far or fresh or edge.any()):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & going
             doubtful &= ~passed_kinks(problem, newton, doubtful & (outcome.status == _CONVERGED), self.last)
-            if turned is not None:
-                doubtful |= turned & going
+            for some in far:
+                doubtful |= some & going
             calm, own = ~doubtful, problem.read("unknowns") if fresh else None
             doubtful |= self.fresh & going
             beyond = doubtful & problem.out_of_reach()  # where no way leads
             outcome.status[beyond] = Status.OUT_OF_REACH
             doubtful &= ~beyond
-            doubtful &= ~self._by_states(doubtful, outcome, self.inputs)
+            doubtful &= ~self._by_states(doubtful & ~sum(far, np.zeros_like(going)), outcome, self.inputs)
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
             if own is not None:
@@ -240,6 +243,21 @@ class NewtonTrack(Track):
             return None
         turned = self.problem.turning(self.inputs) > TURN
         return turned if turned.any() else None
+
+    def _changed(self, before: FloatArray | None) -> BoolArray | None:
+        """Of which instances loads differ from those of inputs ``before`` by so much that modes may have vanished in pairs; None
+        if of none."""
+        if before is None or not (change := self.problem.load_change(before)).max(initial=0.0) > SAFE_LOAD:
+            return None
+        changed = change > np.maximum(SAFE_LOAD, GROWTH * self.problem.load_change(np.zeros_like(before)))
+        return np.asarray(changed) if changed.any() else None
+
+    def _weights(self) -> FloatArray:
+        """How large a load is one of each input, by which ``load_change`` is no more than (instance_count, input_count)."""
+        inputs = self.problem.read("inputs")
+        every = np.eye(inputs.shape[1])
+        weights = [self.problem.load_change(inputs - one) for one in every]
+        return np.stack(weights, axis=1) if np.any(weights) else np.zeros((0, 0))
 
     def _continue(self, doubtful: BoolArray, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
