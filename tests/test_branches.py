@@ -540,6 +540,19 @@ def test_of_mirror_images_a_solve_of_tubes_gives_the_side_of_the_rule(more):
     np.testing.assert_allclose(tip["negative"], tip["positive"] * (-1, 1, 1), rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("load", [184.0, 200.0, 230.0])
+def test_a_strip_pressed_far_beyond_is_on_its_elastica(load):
+    """Integrations from the base alone lead astray there: it was ``UNSTABLE``. A long elastica turns over near its base and
+    hangs from there: its top is ``2/a^1/2`` aside under ``a EI/L^2``, and as much higher than it would be, as ``e^-a^1/2`` is
+    nothing."""
+    robot = mr.SingleRod(mr.Rod(length=1, bending_stiffness=(1, 2), torsional_stiffness=0.7))
+    solution = mr.solve(robot, robot.inputs(tip_force=(0, 0, -load))).raise_if_failed()
+    assert solution.status == mr.Status.BIFURCATED
+    assert solution.stability == mr.Stability.STABLE
+    aside = 2 / np.sqrt(load)
+    np.testing.assert_allclose(solution.tip_position, (0, aside, aside - 1), rtol=0, atol=1e-4)
+
+
 @pytest.mark.parametrize(("samples", "most"), [(2, 4.9564), (3, 6.7404), (5, 6.7404)])
 def test_a_sample_does_not_pass_two_bifurcations_unseen(samples, most):
     """A strip on edge, pushed along its width: two modes vanish on the way to the second sample, and ``Gamma`` is as at first; of

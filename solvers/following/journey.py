@@ -84,6 +84,7 @@ class Journey(Walk):
                 yield from self._end_undecided(point)
                 return
             landed, event, neutral = landed
+            self.begun = landed if len(landed.unknowns) == len(self.start) else None
             if event is not None:
                 self.events.append(event)
                 self.places.append(point.position)
@@ -103,14 +104,14 @@ class Journey(Walk):
             self.status, self.end, self.neutral = self.said, point, max(neutral, judgement.soft)
         else:
             self.status = Status.UNSTABLE
+            self._lose(point, self.begun)
 
     def _fall(self, point: Point) -> Run:
         """Down from what is unstable at the end of its way."""
         self.status = Status.UNSTABLE
         landed = yield from self._leave(point)
         if landed is not None:
-            self.status = Status.CONVERGED
-            self.end, _, self.neutral = landed
+            self.status, (self.end, _, self.neutral) = Status.CONVERGED, landed
 
     def _run_damped(self, point: Point) -> Run:
         """The same by damped dynamics, (11), wherever the branch ends: in longer steps where none can be followed on."""
@@ -156,21 +157,20 @@ class Journey(Walk):
         if there is not None and (yield from self._stands(there)):
             self.status, self.end, self.neutral = self.said, there, neutral
 
-    def _lose(self, point: Point) -> None:
-        """It may be rounding that ends the way at a point: multiple shooting may go on from there."""
+    def _lose(self, point: Point, since: Point | None = None) -> None:
+        """Rounding may have ended the way at a point, or led it astray ``since`` another: segments may go on from there."""
         if np.linalg.norm(point.gamma) > self.noisy:
-            self.lost = point
+            self.lost = point if since is None else since
 
     @property
     def said(self) -> Status:
         """What the events make of a result."""
-        statuses = {event.status for event in self.events}
-        return next((status for status in (Status.SNAPPED, Status.BIFURCATED) if status in statuses), Status.CONVERGED)
+        had = {event.status for event in self.events}
+        return next((status for status in (Status.SNAPPED, Status.BIFURCATED) if status in had), Status.CONVERGED)
 
     def told(self, end: FloatArray) -> tuple[BranchEvent, ...]:
         """Its events, and how far each moved the end effector, which is at ``end`` (3,) now."""
-        places = [*self.places, end]
-        ways = np.linalg.norm(np.diff(places, axis=0), axis=1).tolist()
+        ways = np.linalg.norm(np.diff([*self.places, end], axis=0), axis=1).tolist()
         return tuple(replace(event, tip_travel=way) for event, way in zip(self.events, ways, strict=True))
 
     def polish(self) -> Run:
@@ -190,6 +190,7 @@ class Journey(Walk):
                 self._lose(end)
             elif (yield from self._judge(found)).falls:
                 self.status = Status.UNSTABLE
+                self._lose(end, self.begun)
             else:
                 self.end = found
         except Spent:
@@ -233,9 +234,8 @@ class Journey(Walk):
     def _leave(self, critical: Point) -> Run:
         """Where the robot goes from a critical point: the point it comes to, what happened, and the modes that are neutral there;
         None where that cannot be told."""
-        landed, self.hardly = None, 0
-        if self.by_tip:
-            landed = yield from self._leave_or_stay(critical, self._overshoot(critical))
+        self.hardly = 0
+        landed = (yield from self._leave_or_stay(critical, self._overshoot(critical))) if self.by_tip else None
         for clamping in range(self.clampings):
             if landed is None and (clamped := (yield from self._clamped(critical, clamping))) is not None:
                 landed = yield from self._leave_clamped(clamped)
