@@ -129,10 +129,9 @@ class Shooting(Solver):
             part = problem.parts.of(lost)
             again = self._solve(part, guess[lost])
             problem.keep(part, lost)
-            again.integrations += outcome.integrations[lost]
-            again.iterations += outcome.iterations[lost]
-            outcome.status[lost], outcome.integrations[lost] = again.status, again.integrations
-            outcome.iterations[lost] = again.iterations
+            outcome.status[lost] = again.status
+            outcome.iterations[lost] += again.iterations
+            outcome.integrations[lost] += again.integrations
         return outcome
 
     def _solve_most(self, problem: BoundaryProblem) -> Outcome:

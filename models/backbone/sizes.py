@@ -1,5 +1,6 @@
 """How long and stiff the rods of each instance are, and how large what acts on them: bounds, and what results are counted in."""
 
+from collections.abc import Iterable
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -80,16 +81,9 @@ class Sizes:
 
     def load(self, inputs: FloatArray) -> FloatArray:
         """How much the loads of ``inputs`` (instance_count, input_count) can bend the rods, ``F L^2/EI``; (instance_count,)."""
-        table, (stiffness, weight) = self.problem.arrays, self._first_rod
-        length = table.end[:, 0, -1] + inputs[:, self.problem.input_slice("translation").start]
-        total = np.zeros(self.problem.instance_count)
-        by_configuration = {load.input for load in self.problem.features.loads}
-        for spec in self.acting(inputs):
-            if spec.name in by_configuration:
-                continue
-            x, y, z = inputs[:, self.problem.input_slice(spec.name)].T
-            size = np.sqrt(x * x + y * y + z * z) * length**spec.power / stiffness
-            total += size * weight if spec.name == "gravity" else size
+        table, (stiffness, _) = self.problem.arrays, self._first_rod
+        length = self._first_length(inputs)
+        total = self._of_vectors(inputs, self.acting(inputs), length)
         for load in self.problem.features.loads:
             total += load.size(self)
         if self.problem.drive_count:
@@ -105,15 +99,26 @@ class Sizes:
 
     def load_change(self, before: FloatArray) -> FloatArray:
         """As ``BoundaryProblem.load_change``, of the loads that are vectors."""
-        inputs, (stiffness, weight) = self.problem.read("inputs"), self._first_rod
-        length = self.problem.arrays.end[:, 0, -1] + inputs[:, self.problem.input_slice("translation").start]
+        inputs = self.problem.read("inputs")
+        return self._of_vectors(inputs - before, (spec for spec, _ in self.loads), self._first_length(inputs))
+
+    def _of_vectors(self, values: FloatArray, specs: Iterable[InputSpec], length: FloatArray) -> FloatArray:
+        """What vectors among ``values`` (instance_count, input_count) of inputs are as loads on the first rod, of a ``length``
+        (instance_count,), but for those that depend on the configuration."""
+        stiffness, weight = self._first_rod
         total = np.zeros(self.problem.instance_count)
         by_configuration = {load.input for load in self.problem.features.loads}
-        for spec, own in self.loads:
-            if spec.name not in by_configuration:
-                size = np.linalg.norm((inputs - before)[:, own], axis=1) * length**spec.power / stiffness
-                total += size * weight if spec.name == "gravity" else size
+        for spec in specs:
+            if spec.name in by_configuration:
+                continue
+            x, y, z = values[:, self.problem.input_slice(spec.name)].T
+            size = np.sqrt(x * x + y * y + z * z) * length**spec.power / stiffness
+            total += size * weight if spec.name == "gravity" else size
         return total
+
+    def _first_length(self, inputs: FloatArray) -> FloatArray:
+        """Where the first rod ends [m], shape (instance_count,)."""
+        return np.asarray(self.problem.arrays.end[:, 0, -1] + inputs[:, self.problem.input_slice("translation").start])
 
     @cached_property
     def _first_rod(self) -> tuple[FloatArray, FloatArray]:

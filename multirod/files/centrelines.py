@@ -16,7 +16,6 @@ from multirod.results.solution import Solution
 from multirod.status import Status
 from multirod.validation import FloatArray, choice, refuse
 
-SAMPLE = ("sample", "time [s]")  # of a history
 HEADER = ("instance", "status", "rod", "arclength [m]", "x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw")
 
 
@@ -42,7 +41,7 @@ def write(path: Path, solution: Solution, nodes: int | None = None, rows: str = 
     rods = [(rod.name, _nodes(solution, k, samples, count, nodes)) for k, rod in enumerate(drawn)]
     with written(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow([*(SAMPLE if isinstance(solution, History) else ()), *HEADER])
+        table.writerow([*(ends.SAMPLE if isinstance(solution, History) else ()), *HEADER])
         for sample in range(samples):
             first: list[Any] = [sample, float(solution.time[sample])] if isinstance(solution, History) else []
             for instance in range(count):

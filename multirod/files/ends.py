@@ -15,6 +15,7 @@ from multirod.status import Status
 from multirod.tasks.freed import labels_of
 from multirod.validation import FloatArray
 
+SAMPLE = ("sample", "time [s]")  # of a history
 POSE = ("x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw")
 
 
@@ -34,7 +35,7 @@ def write(path: Path, solution: Solution) -> None:
     statuses = np.asarray(solution.status).reshape(rows.shape[:2])
     with written(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow([*(("sample", "time [s]") if timed else ()), "instance", "status", *labels, *POSE])
+        table.writerow([*(SAMPLE if timed else ()), "instance", "status", *labels, *POSE])
         for sample in range(len(rows)):
             first: list[Any] = [sample, float(solution.time[sample])] if isinstance(solution, History) else []
             for instance, (status, own) in enumerate(zip(statuses[sample], rows[sample], strict=True)):

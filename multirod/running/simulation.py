@@ -323,7 +323,8 @@ def states_of_guess(guess: object, problem: BoundaryProblem, count: int, piece: 
     if not isinstance(guess, Solution) or (segments := problem.segments) is None:
         return {}
     alone = prod(guess.batch_shape) == 1
-    rows = np.zeros(problem.instance_count, dtype=int) if alone else np.arange(count)[piece]
+    places = np.zeros(problem.instance_count, dtype=int) if alone else np.arange(problem.instance_count)
+    rows = places if alone else np.arange(count)[piece]
     known = taken(guess._outcome.breakpoints, rows)
     with np.errstate(invalid="ignore", over="ignore"):
         sensitive = np.linalg.norm(guess._records[rows][:, guess._scene.fields["gamma"]], axis=1) > NOISY
@@ -331,9 +332,9 @@ def states_of_guess(guess: object, problem: BoundaryProblem, count: int, piece: 
     if sensitive.any():
         with guess._problem(None if alone else piece) as there:
             if there.segments is not None:
-                own = np.flatnonzero(sensitive)
-                led = MultipleShooting(integrator=guess._scene.integrator).states(there, own[:1] * 0 if alone else own)
-                known |= {k: led[0 if alone else k] for k in own.tolist() if (0 if alone else k) in led}
+                method = MultipleShooting(integrator=guess._scene.integrator)
+                led = method.states(there, np.unique(places[sensitive]))
+                known |= {k: led[places[k]] for k in np.flatnonzero(sensitive).tolist() if places[k] in led}
     size = segments.base_state(np.zeros(1, dtype=int), problem.guess()[:1]).shape[1] if known else 0
     return {k: own for k, own in known.items() if own.states.shape[1] == size}
 

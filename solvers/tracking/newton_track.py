@@ -200,19 +200,19 @@ class NewtonTrack(Track):
         """What may have left its branch, of those that Newton's method was ``going`` with, is solved again, and the sample is
         kept."""
         problem, newton = self.problem, self.newton
-        far = [some for some in (self._turned(), self._changed(self.inputs)) if some is not None]
+        far = self._far()
         fresh, edge = bool(self.fresh.any()), self.edge.copy()
-        if self.inputs is not None and (newton.doubtful() or first is not None or far or fresh or edge.any()):
+        if self.inputs is not None and (newton.doubtful() or first is not None or far is not None or fresh or edge.any()):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & going
             doubtful &= ~passed_kinks(problem, newton, doubtful & (outcome.status == _CONVERGED), self.last)
-            for some in far:
-                doubtful |= some & going
+            if far is not None:
+                doubtful |= far & going
             calm, own = ~doubtful, problem.read("unknowns") if fresh else None
             doubtful |= self.fresh & going
             beyond = doubtful & problem.out_of_reach()  # where no way leads
             outcome.status[beyond] = Status.OUT_OF_REACH
             doubtful &= ~beyond
-            doubtful &= ~self._by_states(doubtful & ~sum(far, np.zeros_like(going)), outcome, self.inputs)
+            doubtful &= ~self._by_states(doubtful if far is None else doubtful & ~far, outcome, self.inputs)
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
             if own is not None:
@@ -237,12 +237,14 @@ class NewtonTrack(Track):
         outcome.breakpoints |= again.breakpoints
         return found
 
-    def _turned(self) -> BoolArray | None:
-        """Which instances were turned too far since the last good sample; None if none was."""
+    def _far(self) -> BoolArray | None:
+        """Which instances were turned too far for one step since the last good sample, or loaded otherwise; None if none was."""
+        far = self._changed(self.inputs)
         if self.inputs is None or not self.problem.may_jump:
-            return None
+            return far
         turned = self.problem.turning(self.inputs) > TURN
-        return turned if turned.any() else None
+        every = turned if far is None else turned | far
+        return every if every.any() else None
 
     def _changed(self, before: FloatArray | None) -> BoolArray | None:
         """Of which instances loads differ from those of inputs ``before`` by so much that modes may have vanished in pairs; None
