@@ -106,17 +106,17 @@ class Key:
 class Loan:
     """A problem for as long as it is needed: within it, it is the borrower's; after an error it is not used again."""
 
-    __slots__ = ("_key", "_problem", "_robot")
+    __slots__ = ("_key", "_robot", "problem")
 
     def __init__(self, robot: Assembly, key: Key | None, problem: BoundaryProblem) -> None:
-        self._robot, self._key, self._problem = robot, key, problem
+        self._robot, self._key, self.problem = robot, key, problem
 
     def __enter__(self) -> BoundaryProblem:
-        return self._problem
+        return self.problem
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        if kind is None and self._key is not None and self._problem.may_be_kept:
-            KEPT.put(self._robot, self._key, self._problem)
+        if kind is None and self._key is not None and self.problem.may_be_kept:
+            KEPT.put(self._robot, self._key, self.problem)
 
 
 def borrowed(

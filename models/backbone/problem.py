@@ -354,8 +354,25 @@ class BackboneProblem(BoundaryProblem):
 
     def aim(self, *names: str) -> None:
         """As said; what depends on inputs and unknowns is found at each integration."""
+        self._point(*names)
+        self.derivatives.refresh(self._direction_view)
+
+    def _point(self, *names: str) -> None:
+        """Aim, but for what the next integration finds."""
         self.derivatives.follow(names)
-        super().aim(*names)
+        if self.derivatives.followed and self._direction_view is not None:
+            self.derivatives.point(self._direction_view)
+        else:
+            super().aim(*names)
+
+    def integrate_along(self, *names: str) -> None:  # noqa: D102
+        self._point(*names)
+        self.integrate()
+
+    def leaves_columns(self, *names: str) -> bool:  # noqa: D102
+        if len(self.kinks) or not self.pose_sensitivities:
+            return False
+        return "base" not in names and (self.eliminates or not any(name in PARAMETERS for name in names))
 
     def part_ends(self, names: Sequence[str]) -> FloatArray:  # noqa: D102
         return part_ends(self, names, [(self.arrays, self.input_slice("translation"))], self.inputs_given)
@@ -364,8 +381,7 @@ class BackboneProblem(BoundaryProblem):
         if self.derivatives.followed:
             if self._direction_view is None:
                 super().aim(*self.derivatives.followed)
-            else:
-                self.derivatives.refresh(self._direction_view)
+            self.derivatives.refresh(self._direction_view)
         self.launch.launch()
 
     @property

@@ -100,23 +100,6 @@ def _dead_base_force(problem: "BackboneProblem", unknowns: FloatArray) -> FloatA
     return np.asarray(force[:, 0] * scale[:, None])
 
 
-def base_torques(problem: "BackboneProblem") -> FloatArray:
-    """(10) What twists each rod behind the plate [N m], shape (instance_count, n)."""
-    x, features = problem.read("unknowns"), problem.features
-    unit = problem.each(unit_stiffness(problem.arrays.material[:, :, 0])[..., 2])
-    if not features.turning_count:
-        return np.asarray((x[:, 2:3] - problem.each(problem.arrays.precurvature[:, 0, 0, 2:3])) * unit)
-    result = np.zeros((problem.instance_count, features.rod_count))
-    own = slice(features.rod_count - features.torque_count, None)
-    if features.torque_count:
-        result[:, own] = x[:, problem.slots.places["torques"]] * unit[:, own]
-        if features.moment and not features.eccentric:
-            result[:, 0] = x[:, 2] * unit[:, 0]
-        elif not features.eccentric:
-            result[:, 0] = -result.sum(axis=1)
-    return result
-
-
 def kinks(problem: "BackboneProblem") -> NDArray[np.intp]:
     """Places of the unknown tensions of lines that slacken."""
     slack = [kind.slackens for kind in problem.features.members if kind.conditioned]

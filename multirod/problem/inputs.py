@@ -94,9 +94,18 @@ class ByInputs(Buffers, ABC):
             Of the residual, shape (instance_count, n, k), and of the end effector's pose, as in ``pose_columns``,
             shape (instance_count, 6, k): the components of each input beside each other, the inputs in the order named.
         """
+        self.integrate_along(*names)
+        return self.aimed(*names)
+
+    def integrate_along(self, *names: str) -> None:
+        """``aim``, and integrate."""
         self.aim(*names)
         self.integrate()
-        return self.aimed(*names)
+
+    def leaves_columns(self, *names: str) -> bool:
+        """Whether ``aimed``, by these names, is what stands in ``residual_directions`` and ``pose_columns`` after an integration,
+        and all of ``Gamma`` in ``gamma``; where ``eliminates`` is set, of inputs and parameters."""
+        return False
 
     def part_ends(self, names: Sequence[str]) -> FloatArray:
         """Move ends of sections that are at one place a hair apart where one of these names would move them: derivatives have a

@@ -1,7 +1,7 @@
 """What is computed of equilibria when it is first asked for: shapes, lines, energies, stability."""
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import fields
 from functools import cached_property
 from math import prod
@@ -21,7 +21,7 @@ from multirod.problem import BoundaryProblem, LineShape, Shape
 from multirod.results.error import finely, may_be_finer, tip_error
 from multirod.results.found import Found
 from multirod.results.scene import stand_in
-from multirod.reuse import borrowed
+from multirod.reuse import Loan, borrowed
 from multirod.segments import taken
 from multirod.stability import Modes, Stabilities, Stability, modes_of
 from multirod.status import settled
@@ -274,16 +274,15 @@ class Computed(Found[Robot_co]):
             raise AttributeError("no rod has lines; what a rod itself pulls or pushes with at an end is wrench(rod)")
         return self.assembly.lines
 
-    @contextmanager
-    def _problem(self, piece: slice | None = None, **options: Any) -> Iterator[BoundaryProblem]:  # noqa: ANN401  (of the robot's own ``problem``)
+    def _problem(self, piece: slice | None = None, **options: Any) -> Loan:  # noqa: ANN401  (of the robot's own ``problem``)
         """A problem of a part of the instances at their inputs and unknowns; what failed has zeros, and no answers."""
         scene, instances = self._scene, self._instances
         if piece is not None:
             instances = np.arange(piece.start, piece.stop) if instances is None else instances[piece]
         options |= {"integrator": scene.integrator, "device": scene.device, "instances": instances}
-        with borrowed(self.assembly, self._whole, **options) as problem:
-            self._place(problem, piece)
-            yield problem
+        loan = borrowed(self.assembly, self._whole, **options)
+        self._place(loan.problem, piece)
+        return loan
 
     def _place(self, problem: BoundaryProblem, piece: slice | None) -> None:
         rows = slice(None) if piece is None else piece
@@ -306,13 +305,16 @@ class Computed(Found[Robot_co]):
             problem.write("unknowns", problem.guess())
             return [array[:0] for array in compute(problem)]
         pieces = parts(len(self._records), self._scene.threads, self.assembly.rod_count, self._scene.device)
+        if len(pieces) == 1:
+            with self._problem(**options) as problem:
+                return list(compute(problem))
         found: dict[int, tuple[Any, ...]] = {}
         lock = Lock()
 
         def work(piece: slice, stop: Event) -> None:
             with ExitStack() as held:
                 with lock:
-                    problem = held.enter_context(self._problem(piece if len(pieces) > 1 else None, **options))
+                    problem = held.enter_context(self._problem(piece, **options))
                     problem.stop = stop
                 found[piece.start] = compute(problem)
 

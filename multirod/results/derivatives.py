@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from multirod.batch import solved_each
 from multirod.naming import meant
 from multirod.problem import BoundaryProblem
 from multirod.results import sides
+from multirod.results.eliminating import pose_derivative
 from multirod.results.segment_system import pose_jacobian
 from multirod.rotations import cross_matrix
 from multirod.types import Numbers
@@ -28,6 +30,8 @@ OF = ("pose", "line_length", "tension", *ALONG)
 OF_TIP = {"tip_pose": slice(0, POSE), "tip_position": slice(0, 3)}
 ROUNDED = 1e-9  # of the largest number of a load, what is not shown
 SINGULAR = 1e-14  # of the largest: a singular value of the compliance that rounding may have left
+
+_OPTIONS: "WeakKeyDictionary[Assembly, dict[tuple[str, ...], dict[str, Any]]]" = WeakKeyDictionary()
 
 # of a problem, its columns of the pose by numbers at fixed unknowns, and what ends at one place were moved apart
 Rows = Callable[[Any, FloatArray, FloatArray], FloatArray]
@@ -217,11 +221,14 @@ def along(solution: "Solution[Any]", at: Numbers, of: str, rod: int | str | None
 
 def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int, ...]) -> FloatArray:
     """(D1) Derivatives by parameters, and by inputs whose terms are compiled in, (..., *tail, k), in one integration."""
-    count = sum(solution.assembly.column_count(name) for name in names)
 
     def columns(problem: BoundaryProblem) -> tuple[FloatArray, NDArray[np.bool_]]:
-        slopes, own, gamma, none = _told(solution, problem, names, rows)
-        result = _eliminated(slopes, own, gamma)
+        at_once = pose_derivative(problem, names) if rows is _pose_rows else None
+        if at_once is None:
+            slopes, own, gamma, none = _told(solution, problem, names, rows)
+            result = _eliminated(slopes, own, gamma)
+        else:
+            result, none = at_once, np.zeros(problem.instance_count, dtype=bool)
         for k, points in problem.breakpoints.items():
             by_inputs = rows is _pose_rows and not any(name in solution.assembly.parameters for name in names)
             segments = problem.segments if by_inputs else None  # a graph has none, which tells what acts on single rods
@@ -230,7 +237,7 @@ def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int
 
     result, none = _gathered(solution, names, columns)
     _warn_of_sides(names, none)
-    return solution._masked(result, (*tail, count))
+    return solution._masked(result, (*tail, result.shape[-1]))
 
 
 def _told(
@@ -299,10 +306,16 @@ def _fixed(problem: BoundaryProblem, names: list[str], rows: Rows) -> tuple[Floa
 
 
 def _gathered(solution: "Solution[Any]", names: list[str], columns: Callable[[Any], tuple[Any, ...]]) -> list[Any]:
-    parameters = solution.assembly.parameters
-    enabled = tuple(name for name in names if name not in parameters)
-    options = solution.assembly.input_directions(*names)
-    return solution._gather(columns, pose_sensitivities=True, enabled=enabled, **options)
+    return solution._gather(columns, **_options(solution.assembly, tuple(names)))
+
+
+def _options(assembly: "Assembly", names: tuple[str, ...]) -> dict[str, Any]:
+    """Of problems that give derivatives by these names; found once, as it takes as long as a small integration."""
+    known = _OPTIONS.setdefault(assembly, {})
+    if names not in known:
+        enabled = tuple(name for name in names if name not in assembly.parameters)
+        known[names] = {"pose_sensitivities": True, "enabled": enabled, **assembly.input_directions(*names)}
+    return known[names]
 
 
 def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> Mapping[str, FloatArray]:

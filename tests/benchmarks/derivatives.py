@@ -3,35 +3,46 @@
     OMP_NUM_THREADS=1 python tests/benchmarks/derivatives.py [--jax] [--torch]
 
 Medians of the processor's time, of runs that take turns, so that another load on the machine falls on all. That of a batch is
-what all cores take together.
+what all cores take together. Each line says how many integrations of one rod a bare C loop does in that time, which takes turns
+with them too.
 """
 
 import argparse
+import tempfile
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
+from single_rod import c_loop
 
 import multirod as mr
 
 SOLVER = mr.Shooting(integrator=mr.RK4(50))
 FORCE = (0.05, 0.1, 0.1)
+LOOP = "C loop"
+LOOPS = 10  # times that it takes its turn
+
+Floor = Callable[[], float] | None
 
 
-def interleaved(runs: dict[str, Callable[[], object]], count: int = 200) -> dict[str, float]:
-    """Median of the processor's time of each [s]."""
+def interleaved(runs: dict[str, Callable[[], object]], floor: Floor, count: int = 200) -> dict[str, float]:
+    """Median of the processor's time of each [s]; of an integration of the bare C loop too, NaN without a C compiler."""
     for run in runs.values():
         for _ in range(3):
             run()
     times: dict[str, list[float]] = {name: [] for name in runs}
-    for _ in range(count):
+    loops = [np.nan] if floor is None else []
+    for turn in range(count):
+        if floor is not None and turn % max(1, count // LOOPS) == 0:
+            loops.append(1e-6 * floor())
         for name, run in runs.items():
             begin = process_time()
             run()
             times[name].append(process_time() - begin)
-    return {name: float(np.median(values)) for name, values in times.items()}
+    return {name: float(np.median(values)) for name, values in (times | {LOOP: loops}).items()}
 
 
 def tubes(*, curved_all_along: bool = False) -> mr.ConcentricTubes:
@@ -65,13 +76,15 @@ SCENES = {
 }
 
 
-def row(what: str, time: float, **against: float) -> None:
-    """One line."""
-    ratios = ", ".join(f"{time / other:.2f} {name}" for name, other in against.items())
+def row(what: str, time: float, loop: float, **against: float) -> None:
+    """One line; ``loop`` is an integration of the bare C loop."""
+    ratios = ", ".join(f"{time / other:.2f} {name}" for name, other in ({"C loops": loop} | against).items())
     print(f"{what:<84} {1e6 * time:9.1f} us   {ratios}", flush=True)
 
 
-def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[str, object], design: tuple[str, ...]) -> None:
+def of_scene(
+    name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[str, object], design: tuple[str, ...], floor: Floor
+) -> None:
     """Derivatives, shapes, samples and solves of one robot."""
     inputs = robot.inputs(**values)
     solution = mr.solve(robot, inputs, solver=SOLVER)
@@ -99,20 +112,22 @@ def of_scene(name: str, robot: mr.SingleRod | mr.ConcentricTubes, values: dict[s
             "carrying": lambda: carrying.step(rotation=values["rotation"]),
             "of a sample": lambda: sample.jacobian("rotation", "tip_force"),
             "solve": lambda: mr.solve(robot, inputs, solver=SOLVER),
-        }
+        },
+        floor,
     )
+    own = partial(row, loop=cost[LOOP])
     assert sample._columns is not None
     print(f"\n{name}")
-    row("an integration with Gamma and the pose's columns", cost["integration"])
-    row(f"the same with {count} columns by {', '.join(design)}", cost["designed"], integrations=cost["integration"])
-    row(f"solution.jacobian by these {count}", cost["jacobian"], integrations=cost["integration"])
-    row("Tracker.step(rotation=...), the inputs as they were", cost["step"], integrations=cost["integration"])
-    row('the same of Tracker(jacobian=("rotation", "tip_force"))', cost["carrying"], steps=cost["step"])
-    row('jacobian("rotation", "tip_force") of its sample', cost["of a sample"], steps=cost["step"])
-    row('solution.jacobian("rotation", "tip_force")', cost["by inputs"], steps=cost["step"], solves=cost["solve"])
-    row("solution.rod(0)", cost["shape"], steps=cost["step"], solves=cost["solve"])
-    row("solution.stability", cost["stability"], steps=cost["step"], solves=cost["solve"])
-    row("mr.solve from nothing", cost["solve"], steps=cost["step"])
+    own("an integration with Gamma and the pose's columns", cost["integration"])
+    own(f"the same with {count} columns by {', '.join(design)}", cost["designed"], integrations=cost["integration"])
+    own(f"solution.jacobian by these {count}", cost["jacobian"], integrations=cost["integration"])
+    own("Tracker.step(rotation=...), the inputs as they were", cost["step"], integrations=cost["integration"])
+    own('the same of Tracker(jacobian=("rotation", "tip_force"))', cost["carrying"], steps=cost["step"])
+    own('jacobian("rotation", "tip_force") of its sample', cost["of a sample"], steps=cost["step"])
+    own('solution.jacobian("rotation", "tip_force")', cost["by inputs"], steps=cost["step"], solves=cost["solve"])
+    own("solution.rod(0)", cost["shape"], steps=cost["step"], solves=cost["solve"])
+    own("solution.stability", cost["stability"], steps=cost["step"], solves=cost["solve"])
+    own("mr.solve from nothing", cost["solve"], steps=cost["step"])
 
 
 Batch = Callable[[np.ndarray], object]
@@ -153,7 +168,7 @@ def by_torch(robot: mr.ConcentricTubes, **options: Any) -> tuple[Batch, Batch]:
     return value, slope
 
 
-def of_batches(name: str, make: Callable[..., tuple[Batch, Batch]], count: int = 500) -> None:
+def of_batches(name: str, make: Callable[..., tuple[Batch, Batch]], floor: Floor, count: int = 500) -> None:
     """A gradient by 18 numbers of precurvature, of a batch."""
     robot, values, _ = next(iter(SCENES.values()))
     inputs = robot.inputs(**values)
@@ -163,9 +178,14 @@ def of_batches(name: str, make: Callable[..., tuple[Batch, Batch]], count: int =
     curves = own * (1 + 0.05 * np.random.default_rng(0).standard_normal((count, 1, 1, 1)))
     for said, guess in (("from nothing", None), ("from the equilibrium of their mean", nominal)):
         value, slope = make(robot, inputs=inputs, solver=SOLVER, guess=guess)
-        cost = interleaved({"value": partial(value, curves), "slope": partial(slope, curves)}, 10)
-        row(f"value, {said}", cost["value"] / count)
-        row("gradient by 18 numbers of precurvature, with the value", cost["slope"] / count, values=cost["value"] / count)
+        cost = interleaved({"value": partial(value, curves), "slope": partial(slope, curves)}, floor, 10)
+        row(f"value, {said}", cost["value"] / count, cost[LOOP])
+        row(
+            "gradient by 18 numbers of precurvature, with the value",
+            cost["slope"] / count,
+            cost[LOOP],
+            values=cost["value"] / count,
+        )
 
 
 def main() -> None:
@@ -174,11 +194,13 @@ def main() -> None:
     parser.add_argument("--jax", action="store_true", help="gradients through JAX too")
     parser.add_argument("--torch", action="store_true", help="gradients through PyTorch too")
     arguments = parser.parse_args()
-    for name, (robot, values, design) in SCENES.items():
-        of_scene(name, robot, values, design)
-    for name, make in (("jax", by_jax), ("torch", by_torch)):
-        if getattr(arguments, name):
-            of_batches(name, make)
+    with tempfile.TemporaryDirectory() as folder:
+        floor = c_loop(Path(folder), repeats=200)
+        for name, (robot, values, design) in SCENES.items():
+            of_scene(name, robot, values, design, floor)
+        for name, make in (("jax", by_jax), ("torch", by_torch)):
+            if getattr(arguments, name):
+                of_batches(name, make, floor)
 
 
 if __name__ == "__main__":

@@ -3,16 +3,19 @@
 python tests/benchmarks/estimate.py [--rounds N] [--trials N]
 python tests/benchmarks/estimate.py --straight [--trials N]: forces on a straight wire of nitinol, by a coarse pose
 
-Measurements and the bound come from ``measured_rods``, an integration of its own, by differences.
+Measurements and the bound come from ``measured_rods``, an integration of its own, by differences. What samples take is told
+against a bare C loop of one integration, which takes turns with them.
 """
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from single_rod import c_loop
 
 import multirod as mr
 
@@ -142,16 +145,21 @@ def main() -> None:
         "Estimator.step, 3 markers": estimator_step(marked, lambda k: [marks[k, j] for j in MARKS]),
     }
     times: dict[str, list[float]] = {name: [] for name in runs}
+    floors: list[float] = []
     for run in runs.values():
         run()
-    for _ in range(options.rounds):
-        for name, run in runs.items():
-            times[name].append(run())
+    with tempfile.TemporaryDirectory() as folder:
+        floor = c_loop(Path(folder), repeats=200)
+        for _ in range(options.rounds):
+            floors.append(np.nan if floor is None else floor())
+            for name, run in runs.items():
+                times[name].append(run())
+    print(f"\nbare C loop, one integration, RK4(50): {np.median(floors):.2f} µs")
+    print("\n| what | µs | spread | bare C loops | over Tracker.step |\n|---|---|---|---|---|")
     first = np.array(times["Tracker.step, Newton to 1e-9"])
-    print("\n| what | µs | spread | over Tracker.step |\n|---|---|---|---|")
     for name, values in times.items():
-        ratio = np.median(np.array(values) / first)
-        print(f"| {name} | {np.median(values):.0f} | {min(values):.0f} to {max(values):.0f} | {ratio:.2f} |")
+        loops, ratio = (np.median(np.array(values) / own) for own in (floors, first))
+        print(f"| {name} | {np.median(values):.0f} | {min(values):.0f} to {max(values):.0f} | {loops:.1f} | {ratio:.2f} |")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.models.backbone.derivatives.along import Along, AlongPass
-from multirod.models.backbone.derivatives.designs import COMPONENTS, DEAD, POSE, BehindPlate, Designs, carried, turned_loads
+from multirod.models.backbone.derivatives.behind_plate import BehindPlate
+from multirod.models.backbone.derivatives.designs import COMPONENTS, DEAD, POSE, Designs, carried, turned_loads
 from multirod.problem import FEW, PosesSensed
 from multirod.validation import FloatArray
 
@@ -31,22 +32,38 @@ class BackboneDerivatives:
         behind_plate = self.problem.transmission and any(name in COMPONENTS for name in names)
         self.followed = tuple(names) if "base" in names or behind_plate else ()
 
-    def refresh(self, directions: FloatArray) -> None:
-        """What of ``directions`` by ``followed`` depends on inputs and unknowns, in place, at those of the problem."""
-        problem, names = self.problem, self.followed
-        for own in self._columns_of(names, "base"):
-            directions[:, own] = self.directions_by("base")
-        designed = tuple(name for name in names if name in COMPONENTS) if problem.transmission else ()
-        if not designed:
-            return
-        if designed not in self._behind:
-            self._behind[designed] = BehindPlate(problem, [self.designs(name) for name in designed])
-        turns, turned, first = self._behind[designed].turns(), problem.input_slice("rotation"), 0
-        for name in designed:
-            for own in self._columns_of(names, name):
-                last = first + own.stop - own.start
-                directions[:, own, turned] = turns[:, first:last]
-                first = last
+    def point(self, directions: FloatArray) -> None:
+        """Set ``directions`` by ``followed`` but for what depends on inputs and unknowns, which ``refresh`` has to find."""
+        names = self.followed
+
+        def made() -> FloatArray:
+            fixed = np.zeros(directions.shape)
+            for name in names:
+                for own in self._columns_of(names, name):
+                    fixed[:, own] = 0.0 if name == "base" else self.problem.directions_by(name)
+            return fixed
+
+        directions[:] = self.problem.tool(("pointed", names), made)
+
+    def refresh(self, directions: FloatArray | None) -> None:
+        """What of the directions by ``followed`` depends on inputs and unknowns, in place, at those of the problem.
+
+        ``directions`` are what NumPy sees of them in place, if it does: else what is by the base stands in them already.
+        """
+        names = self.followed
+        if directions is not None:
+            for own in self._columns_of(names, "base"):
+                directions[:, own] = self.directions_by("base")
+        if self.problem.transmission and any(name in COMPONENTS for name in names):
+            if names not in self._behind:
+                self._behind[names] = self._behind_plate(names)
+            self._behind[names].turn()
+
+    def _behind_plate(self, names: tuple[str, ...]) -> BehindPlate:
+        designed = tuple(dict.fromkeys(name for name in names if name in COMPONENTS))
+        places = [np.arange(own.start, own.stop) for name in designed for own in self._columns_of(names, name)]
+        designs = [self.designs(name) for name in designed for _ in self._columns_of(names, name)]
+        return BehindPlate(self.problem, designs, np.concatenate(places), self.problem.directions)
 
     def directions_by(self, name: str) -> FloatArray:
         """Directions along each number of a parameter, shape (instance_count, k, directions.shape[2])."""

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multirod.models.backbone.derivatives.behind_plate import BehindPlate
 from multirod.models.backbone.inputs import LOADS
 from multirod.models.backbone.kernels.layout.rows import DesignOffsets
 from multirod.models.backbone.kernels.loads.foundation import Foundation
 from multirod.models.backbone.kernels.loads.magnetic import Magnetic
 from multirod.models.backbone.units import unit_stiffness
-from multirod.models.backbone.unknowns import base_torques
 from multirod.rotations import cross_matrix
 from multirod.validation import FloatArray
 
@@ -141,6 +141,10 @@ class Designs:
         return result
 
     @cached_property
+    def _behind(self) -> BehindPlate:
+        return BehindPlate(self.problem, [self])
+
+    @cached_property
     def _rows(self) -> FloatArray:
         problem = self.problem
         terms = problem.arrays.precurvature.shape[-1]
@@ -155,10 +159,6 @@ class Designs:
         result = np.zeros((problem.instance_count, self.count, problem.input_count + values[0, 0].size))
         result[..., problem.input_count :] = values.reshape(len(values), self.count, -1)
         return result
-
-    @cached_property
-    def _behind(self) -> "BehindPlate":
-        return BehindPlate(self.problem, [self])
 
     def unknown_rates(self) -> FloatArray:
         """(D9) By how much the unknowns must change for moments, torques and forces at the base to stay what they are.
@@ -212,59 +212,3 @@ class Designs:
     def largest(self) -> FloatArray:
         """The same of one rod, shape (instance_count, direction)."""
         return self._largest()[..., 0]
-
-
-class BehindPlate:
-    """(D8) How rods turn more behind the plate, at the torques that they have: as if they were turned at their bases.
-
-    What varies with inputs and unknowns is found once for the numbers of all parameters.
-
-    Args:
-        problem: Of the rods.
-        designs: Of these parameters, one after another.
-    """
-
-    def __init__(self, problem: "BackboneProblem", designs: Sequence[Designs]) -> None:
-        self._problem = problem
-        arrays = problem.arrays
-        self._end = end = arrays.end
-        self._begin = np.concatenate([np.zeros_like(end[..., :1]), end[..., :-1]], axis=-1)
-        half = 0.5 * (end - self._begin)
-        self._per_half = np.divide(1.0, half, out=np.zeros(half.shape), where=half > 0)
-        self._compliance = arrays.material[..., 5]
-        # the law of each piece about its axis, in powers of the part of it from -1 to 1
-        self._curves = curves = arrays.precurvature.reshape(*end.shape, -1, 3)[..., 2]
-        self._powers = powers = np.arange(float(curves.shape[-1]))
-        self._at_begin = (-1.0) ** powers
-        self._curved_at_end, self._curved_at_begin = curves.sum(axis=-1), (curves * self._at_begin).sum(axis=-1)
-        self._integral = half[..., None] / (powers + 1)
-        parts = [np.concatenate(list(own), axis=1) for own in zip(*map(_weights, designs), strict=True)]
-        weights = np.concatenate(parts, axis=-1)  # (b, direction, rod, piece, quantity)
-        self._weights = np.moveaxis(weights.reshape(*weights.shape[:3], -1), 1, 2)
-
-    def turns(self) -> FloatArray:
-        """By each number, of each rod, shape (instance_count, direction, rod)."""
-        problem, count = self._problem, len(self._powers)
-        depth = -problem.read("inputs")[:, problem.input_slice("translation")][..., None]
-        behind = np.maximum(np.minimum(self._end, depth) - self._begin, 0.0)  # of each piece
-        part = (behind * self._per_half - 1.0)[..., None]
-        raised = part**self._powers
-        torsion = self._compliance * base_torques(problem)[..., None]
-        found = np.zeros((*behind.shape, count + 4))
-        found[..., :count] = self._integral * (raised * part + self._at_begin)
-        found[..., count] = behind * torsion
-        # an end that moves behind the plate leaves more to the piece before it, and less to the one after
-        found[..., count + 1] = (self._end <= depth) * (self._curved_at_end + torsion)
-        found[..., count + 2] = (self._begin <= depth) * (self._curved_at_begin + torsion)
-        if count > 1:
-            found[..., count + 3] = (self._curves * (raised - self._at_begin)).sum(axis=-1)
-        return np.swapaxes((self._weights @ found.reshape(*found.shape[:2], -1, 1))[..., 0], 1, 2)
-
-
-def _weights(designs: Designs) -> tuple[FloatArray, ...]:
-    """What multiplies the quantities of ``BehindPlate.turns``, each (b, direction, rod, piece, quantity): of the integrals of
-    powers, of the angle by torque, of what is at the end, at the beginning, and of what slides."""
-    twisting = designs.precurvature.reshape(*designs.precurvature.shape[:4], -1, 3)[..., 2]
-    before = np.zeros_like(designs.end)
-    before[..., 1:] = -designs.end[..., :-1]
-    return twisting, designs.softness[..., 2:], designs.end[..., None], before[..., None], -designs.shift[..., None]

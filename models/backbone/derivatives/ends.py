@@ -2,6 +2,7 @@
 but there is one node, which cannot both move and stay."""
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
@@ -34,10 +35,12 @@ def ways_back(arrays: RodArrays, translation: FloatArray, given: Inputs) -> Floa
     """
     ends = arrays.end + translation[:, :, None]
     places = ends.reshape(len(ends), -1)
-    order = np.argsort(places, axis=1)
-    places, owners = np.take_along_axis(places, order, axis=1), order // arrays.end.shape[2]
-    same = (np.diff(places, axis=1) <= SAME_PLACE) & (np.diff(owners, axis=1) != 0) & (places[:, 1:] > SAME_PLACE)
+    owners, places = places.argsort(axis=1) // arrays.end.shape[2], np.sort(places, axis=1)
+    near = places[:, 1:] - places[:, :-1] <= SAME_PLACE
     at_plate = (places > 0) & (places <= SAME_PLACE)  # one that is there is pulled back as it is
+    if not (given.profiles or near.any() or at_plate.any()):
+        return np.zeros(translation.shape)
+    same = near & (owners[:, 1:] != owners[:, :-1]) & (places[:, 1:] > SAME_PLACE)
     meet = at_plate.any(axis=1, keepdims=True)
     if given.profiles:
         fixed = np.unique(np.concatenate([profile.ends for profile in given.profiles.values()]))
@@ -65,8 +68,8 @@ def part_ends(
     if not move_ends(names):
         return furthest
     inputs = problem.read("inputs")
-    for arrays, own in rods:
-        back = ways_back(arrays, inputs[:, own], given)
+    for place, (arrays, own) in enumerate(rods):
+        back = problem.found_for(f"ways back {place}", inputs[:, own], partial(ways_back, arrays, inputs[:, own], given)).copy()
         for k, points in problem.breakpoints.items():  # which keep their arclength
             ends = arrays.end[k % len(arrays.end)] + inputs[k, own, None]
             if not back[k].any() and (np.abs(ends[..., None] - points.arclength[1:-1]) <= SAME_PLACE).any():
