@@ -178,6 +178,11 @@ class Rods:
         if held:
             g[self.force_at[k]] += gap
 
+    @staticmethod
+    def positions(state):
+        """Of bodies (bodies, 3)."""
+        return np.array(state[2])
+
     def scales(self):
         """What counts as one in each variable: 1 of an angle, a length, a force."""
         length = np.mean([rod["length"] for rod in self.rods])

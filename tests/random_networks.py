@@ -22,6 +22,16 @@ class Drawn:
     numbers: dict
     places: np.ndarray
 
+    @property
+    def bodies(self):
+        """Names of those that move."""
+        return tuple(body.name for body in self.robot.bodies)
+
+    @property
+    def potential(self):
+        """Whether the loads have one."""
+        return not any(body["moment"].any() for body in self.numbers["bodies"])
+
     def rods(self, segments):
         """The numbers as ``network_energy`` takes them."""
         return Rods(segments=segments, **self.numbers)

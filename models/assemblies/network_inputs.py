@@ -115,8 +115,9 @@ def numbers_by_name(graph: Graph, load_places: Sequence[str], fixed_bodies: Sequ
     per_rod = {name: robot.rod_count for name, robot in zip(names, graph.whole, strict=True)}
     sizes = dict.fromkeys(PER_ROD, per_rod) | dict.fromkeys(ON_PLACES, dict.fromkeys(load_places, 3))
     sizes |= dict.fromkeys(ON_RODS, dict.fromkeys(names, 3)) | dict.fromkeys(FIXED, dict.fromkeys(fixed_bodies, 3))
+    # of rods in pieces none has lines
     for name in DRIVES:
-        sizes[name] = {rod: own.count(name) for rod, own in zip(names, graph.drives, strict=False) if own.count(name)}
+        sizes[name] = {names[rod]: n for rod, own in zip(graph.slides.owner, graph.drives, strict=True) if (n := own.count(name))}
     return sizes | {name: dict(joints) for name, joints in graph.by_coordinate.items()}
 
 

@@ -80,7 +80,8 @@ class NetworkShapes(Shapes):
             energy = self.of_springs(state.angles)
             base = state.ends[0]
             for group in problem.groups:
-                for nodes in set(self._nodes(int(group.members[0]), node_count)):
+                # rods through holes and rods in segments may be launched together
+                for nodes in sorted({n for piece in group.members.tolist() for n in self._nodes(piece, node_count)}):
                     shapes, own = group.backbones.shapes.at_nodes(nodes)
                     for (place, rod), (tube, shape) in product(enumerate(group.members.tolist()), enumerate(shapes)):
                         values = {name: v.reshape(count, -1, *v.shape[1:])[:, place] for name, v in vars(shape).items()}

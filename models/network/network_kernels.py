@@ -140,7 +140,7 @@ def hand_over(net: Networks, group: RodGroup):
         if net.shared[rod] == 0:
             group.problem.inputs[t, i] = net.problem.inputs[b, net.rotation_at + own + i]
         group.problem.inputs[t, n + i] = net.share[rod] * net.problem.inputs[b, net.translation_at + own + i]
-    if net.holes != 0:
+    if net.holes != 0 and n == 1:  # tubes slide through none
         longer = extension(net, b, rod)
         group.problem.inputs[t, 1] = wp.where(longer <= -net.length[b, rod], f64(0.0), longer)
     for i in range(group.drive_count):

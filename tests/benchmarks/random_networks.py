@@ -5,7 +5,8 @@ python tests/benchmarks/random_networks.py --networks 1000 --energy 30
 Gaps, balances and joints are judged from what rods and bodies say of each other; the first ``--energy`` also by chains of rigid
 segments that are brought to rest by Newton's method on their energy from beside the solution (``tests/network_energy.py``), in 6
 and 12 segments each, extrapolated. What is not solved is looked for by descent of that energy, from straight rods on: a
-minimum is a reference, and something to mend. ``--minutes`` ends it earlier.
+minimum is a reference, and something to mend. ``--minutes`` ends it earlier. With ``--all`` networks are drawn of all that a
+``Network`` may say, ``tests/random_graphs.py``, and judged by ``tests/graph_energy.py``.
 """
 
 import argparse
@@ -19,7 +20,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from random_networks import draw, state_of, violation
+import random_graphs
+import random_networks
 
 import multirod as mr
 
@@ -29,22 +31,23 @@ COARSE = 4  # segments by which what is not solved is looked for
 ASIDE = (
     0.02,
     0.005,
-)  # by which its bodies and segments are moved and turned first [rad]; the second where the first leads elsewhere
+    0.0,
+)  # by which its bodies and segments are moved and turned first [rad]; the others where the first leads elsewhere
 FAR = 0.02  # of the mean length, which is elsewhere
 
 
-def by_energy(drawn, solution, seed):
+def by_energy(lot, drawn, solution, seed):
     """Distance of the bodies from where the energy has them over the mean length, before and after extrapolation, and the index
     there; None where Newton's method fails."""
     for aside in ASIDE:
-        found = _by_energy(drawn, solution, seed, aside)
+        found = _by_energy(lot, drawn, solution, seed, aside)
         if found is not None and found[1] <= FAR and (found[2] == 0) == (solution.stability == mr.Stability.STABLE):
             break
     return found
 
 
-def _by_energy(drawn, solution, seed, aside):
-    rods, state = state_of(drawn, solution, SEGMENTS, aside, seed)
+def _by_energy(lot, drawn, solution, seed, aside):
+    rods, state = lot.state_of(drawn, solution, SEGMENTS, aside, seed)
     coarse = rods.settled(state)
     if coarse is None:
         return None
@@ -52,9 +55,9 @@ def _by_energy(drawn, solution, seed, aside):
     fine = finer.settled(state)
     if fine is None:
         return None
-    length = np.mean([rod["length"] for rod in drawn.numbers["rods"]])
-    own = np.array([solution.body_position(body.name) for body in drawn.robot.bodies])
-    one, two = (np.array(found[0][2]) for found in (coarse, fine))
+    length = np.mean([rod.length for rod in drawn.robot.rods])
+    own = np.array([solution.body_position(name) for name in drawn.bodies])
+    one, two = rods.positions(coarse[0]), finer.positions(fine[0])
     return np.abs(two - own).max() / length, np.abs((4 * two - one) / 3 - own).max() / length, fine[1], fine[2]
 
 
@@ -72,7 +75,9 @@ def main() -> None:
     parser.add_argument("--energy", type=int, default=20, help="of these, judged by their energy")
     parser.add_argument("--load", type=float, default=1.0, help="loads, of EI/L^2")
     parser.add_argument("--minutes", type=float, default=1e9)
+    parser.add_argument("--all", action="store_true", help="of all that a network may say")
     options = parser.parse_args()
+    lot = random_graphs if options.all else random_networks
     warnings.simplefilter("ignore", mr.PlausibilityWarning)
     statuses, verdicts, spent, wrong, apart, unstable = Counter(), Counter(), [], [], [], []
     missed = []
@@ -80,27 +85,26 @@ def main() -> None:
     for seed in range(options.first, options.first + options.networks):
         if time.monotonic() - begin > 60 * options.minutes:
             break
-        drawn = draw(seed, load=options.load)
+        drawn = lot.draw(seed, load=options.load)
         start = time.process_time()
         solution = mr.solve(drawn.robot, drawn.inputs)
         spent.append(time.process_time() - start)
         statuses[solution.status.name] += 1
         if solution.status.failed:
-            potential = not any(body["moment"].any() for body in drawn.numbers["bodies"])
-            there = potential and has_reference(drawn)
+            there = drawn.potential and has_reference(drawn)
             missed += [seed] if there else []
-            why = "with a minimum" if there else "no minimum is found" if potential else "loads without a potential"
+            why = "with a minimum" if there else "no minimum is found" if drawn.potential else "loads without a potential"
             print(f"{seed}: {solution.status.name}, {len(drawn.names)} rods, {spent[-1]:.1f} s, {why}", flush=True)
             continue
         verdicts[solution.stability.name] += 1
-        off = violation(drawn, solution)
+        off = lot.violation(drawn, solution)
         if not off < RIGHT:
             wrong.append(seed)
             print(f"{seed}: {solution.status.name}, off by {off:.1e}", flush=True)
         if solution.stability == mr.Stability.UNSTABLE:
             unstable.append(seed)
         if seed < options.first + options.energy:
-            found = by_energy(drawn, solution, seed)
+            found = by_energy(lot, drawn, solution, seed)
             if found is None:
                 print(f"{seed}: its energy has no equilibrium nearby", flush=True)
                 continue
