@@ -99,6 +99,22 @@ def test_it_follows_a_snap_and_says_so():
     assert (found.status[fold + 20 :] == mr.Status.TRACKING).all()
 
 
+def test_the_first_sample_past_a_fold_is_said_whenever_it_is_taken():
+    """(17): the margin may still be above the threshold where the equilibrium is gone."""
+    rod = mr.Rod(length=np.full(16, 0.8), bending_stiffness=0.223349, torsional_stiffness=0.063814, precurvature=(14, 5, 0))
+    robot, time = mr.SingleRod(rod), 2.15 + np.arange(24) / 200
+    angle = 2 * np.pi / 10 * (time[:, None] + np.arange(16) / 16 / 200)
+    inputs = robot.inputs(rotation=angle, tip_force=np.stack([np.sin(angle), np.cos(angle), np.sin(angle)], axis=-1))
+    newton = mr.Shooting(integrator=INTEGRATOR, fallback=False, at_fold="stop")
+    first = mr.solve(robot, inputs[0], solver=newton)
+    lost = mr.simulate(robot, inputs, time=time, solver=newton, guess=first)
+    past = (lost.status == mr.Status.BRANCH_END).argmax(axis=0), np.arange(16)
+    found = mr.simulate(robot, inputs, time=time, solver=DESCENT, guess=first)
+    assert (found.stability_margin[past] > 0.025).any(), "the threshold tells of all: the test tests nothing"
+    assert (found.status[past] == mr.Status.NEAR_FOLD).all()
+    assert (found.status[:8] == mr.Status.TRACKING).all()
+
+
 def test_a_step_in_the_inputs_is_said(robot):
     time = np.arange(12) / 200
     force = np.where(time[:, None] < time[6], 0.0, (0.6, 0, 0.4))

@@ -165,6 +165,17 @@ def make_descent(feed_forward: bool):
             size += state.steps[t, i, side] * state.steps[t, i, side]
         return wp.sqrt(size)
 
+    @wp.func
+    def moved_by(state: DescentState, t: int) -> f64:
+        """The displacements between the last sample's integration and this one's."""
+        size = f64(0.0)
+        for i in range(state.forces.shape[0]):
+            step = state.steps[t, i, 0]
+            if wp.static(feed_forward):
+                step += state.steps[t, i, 1]
+            size += step * step
+        return wp.sqrt(size)
+
     @wp.func(inline=False)
     def newton(state: DescentState, t: int):
         """(4) Of the gradient, and of its change."""
@@ -262,6 +273,7 @@ def make_descent(feed_forward: bool):
             size = wp.max(size, wp.abs(state.residual[t, i]))
             total += state.residual[t, i]
         state.size[t] = size
+        before = state.margin[t]
         state.margin[t] = f64(0.0)
         state.damped[t] = 0
         if state.fault[t] != 0 or not wp.isfinite(total):
@@ -282,7 +294,12 @@ def make_descent(feed_forward: bool):
             known = True
         state.margin[t] = least / state.stiffness[t]
         near = least < enough  # of the margin rounding may leave less than the threshold
+        moved = moved_by(state, t)
         newton(state, t)
+        if state.corrected != 0:  # (17)
+            step = length_of(state, t, 0)
+            fall = before - state.margin[t]
+            near = near or fall * step > f64(0.25) * state.margin[t] * wp.max(step, moved)
         for side in range(wp.static(1 + int(feed_forward))):
             radius = state.radius
             if side == 1:
