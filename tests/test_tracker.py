@@ -1,7 +1,10 @@
 """One sample at a time: the same numbers as ``simulate``, inputs kept, bad input refused without harm, next to no allocation."""
 
+import copy
 import gc
+import pickle
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -350,6 +353,47 @@ def test_columns_of_the_tracker_belong_to_their_own_sample(wire: mr.Rod) -> None
     first = tracker.step(rotation=0.2)
     tracker.step(rotation=1.2)
     np.testing.assert_allclose(first.jacobian("rotation"), known, rtol=0, atol=1e-9)
+
+
+ASKED = ("rotation", "translation", "tip_force", "precurvature")
+
+
+@pytest.mark.parametrize("batch", [(), (3,)])
+def test_a_sample_tells_by_what_was_not_asked_for_before(wire: mr.Rod, monkeypatch: pytest.MonkeyPatch, batch: Any) -> None:
+    """By a problem that is made once, whatever inputs come, and that leaves no trace in samples."""
+    solver = mr.Shooting(integrator=mr.RK45(), tolerance=1e-11)
+    robot = mr.SingleRod(wire)
+    still = np.zeros((*batch, 3))
+    tracker = mr.Tracker(robot, solver=solver, inputs=robot.inputs(tip_force=still))
+    tracker.step().jacobian(*ASKED)
+    samples = [tracker.step(rotation=0.1 * k, tip_force=still + (0.3, 0.1 * k, 0)) for k in range(3)]
+    expected = [mr.solve(robot, sample.inputs, solver=solver, guess=sample).jacobian(*ASKED) for sample in samples]
+    with monkeypatch.context() as patch:
+        patch.setattr(mr.SingleRod, "problem", None)
+        for sample, columns in zip(samples[::-1], expected[::-1], strict=True):
+            np.testing.assert_allclose(sample.jacobian(*ASKED), columns, rtol=0, atol=1e-9)
+    for sample, columns in zip(samples, expected, strict=True):
+        for copied in (copy.deepcopy(sample), pickle.loads(pickle.dumps(sample))):
+            np.testing.assert_allclose(copied.jacobian(*ASKED), columns, rtol=0, atol=1e-9)
+        if batch:
+            np.testing.assert_allclose(sample[1].jacobian(*ASKED), columns[1], rtol=0, atol=1e-9)
+    if not batch:
+        lost = tracker.step(tip_force=(1e9, 0, 0))
+        assert lost.failed
+        assert np.isnan(lost.jacobian(*ASKED)).all()
+    with pytest.raises(TypeError, match="takes no 'force'"):
+        samples[0].jacobian("force")
+
+
+def test_two_threads_may_ask_two_samples_of_one_tracker(wire: mr.Rod) -> None:
+    robot = mr.SingleRod(wire)
+    tracker = mr.Tracker(robot, solver=NEWTON, inputs=robot.inputs(tip_force=FORCE))
+    samples = [tracker.step(rotation=0.1 * k) for k in range(2)]
+    alone = [sample.jacobian("rotation", "tip_force") for sample in samples]
+    with ThreadPoolExecutor(2) as pool:
+        for sample, columns in zip(samples, alone, strict=True):
+            for found in [pool.submit(sample.jacobian, "rotation", "tip_force") for _ in range(50)]:
+                np.testing.assert_allclose(found.result(), columns, rtol=0, atol=1e-5)  # 50 steps leave 1e-6 of the force
 
 
 def test_columns_of_what_was_found_in_another_way_are_not_those_of_the_last_integration() -> None:

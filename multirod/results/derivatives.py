@@ -14,6 +14,7 @@ from multirod.problem import BoundaryProblem
 from multirod.results import sides
 from multirod.results.eliminating import pose_derivative
 from multirod.results.segment_system import pose_jacobian
+from multirod.results.telling import told_by_loop
 from multirod.rotations import cross_matrix
 from multirod.types import Numbers
 from multirod.validation import FloatArray, array, choice, frozen, refuse, shown
@@ -107,6 +108,9 @@ def jacobian(
     kept = _kept(solution, names) if of == "pose" and at is None else None
     if kept is not None:
         return solution._masked(_eliminated(*kept), (POSE, kept[0].shape[-1]))
+    told = told_by_loop(solution, names) if of == "pose" and at is None and rod is None else None
+    if told is not None:
+        return solution._masked(told, (POSE, told.shape[-1]))
     known = names_of(solution, names)
     if of not in ALONG and at is not None:
         refuse("at", at, f"must not be given of {of}: it is for {', '.join(ALONG)}")

@@ -11,6 +11,7 @@ from multirod.assembly import Assembly, Robot_co
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.problem import BoundaryProblem
+from multirod.results.telling import Telling
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ class Scene(Generic[Robot_co]):
         unpack: Inputs from their rows, where the records hold them.
         threads: That share what is computed later.
         dropped: The terms that were left out of the robot and inputs that were given.
+        telling: What samples of a loop ask for derivatives that they do not carry.
     """
 
     assembly: Robot_co
@@ -40,6 +42,7 @@ class Scene(Generic[Robot_co]):
     unpack: Callable[[FloatArray], Inputs] | None = None
     threads: int = 1
     dropped: tuple["Dropped", ...] = ()
+    telling: Telling | None = None
 
 
 def stand_in(robot: Assembly, inputs: Inputs, **options: Any) -> BoundaryProblem:  # noqa: ANN401  (of the robot's own ``problem``)

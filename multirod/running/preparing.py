@@ -1,6 +1,6 @@
 """Having the kernels of a scene compiled before they are needed: by doing what will be done, all of it at once."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from math import prod
@@ -67,7 +67,7 @@ def prepare(
         beside: list[Callable[[Solution], Any]] = [*questions, attrgetter("stability")] if tested else questions
         for question in beside:
             pool.submit(_rehearse, question, stand_in())
-        followed = pool.submit(_follow, robot, inputs, method, device) if motion else None
+        followed = pool.submit(_follow, robot, inputs, method, device, names) if motion else None
         solution = solve(robot, first, solver=method, device=device, instances=some, progress=False)
         for question in questions:
             question(solution)
@@ -108,10 +108,12 @@ def _rehearse(question: Callable[[Solution], Any], solution: Solution) -> None:
         question(solution)
 
 
-def _follow(robot: Assembly, inputs: Inputs, solver: Solver, device: str) -> None:
+def _follow(robot: Assembly, inputs: Inputs, solver: Solver, device: str, names: Sequence[str]) -> None:
     few = inputs[:SAMPLES] if inputs.batch_shape else inputs
     samples = few.batch_shape[0] if few.batch_shape and few.batch_shape[0] > 1 else SAMPLES
     simulate(robot, few, time=STEP * np.arange(samples), solver=solver, device=device, progress=False)
     if set(few.given) - set(few.active):
         # loads that are zero now: a motion of such has other kernels than a loop that is given them
-        Tracker(robot, solver=solver, dt=STEP, inputs=few[0] if few.batch_shape else few, device=device).step()
+        sample = Tracker(robot, solver=solver, dt=STEP, inputs=few[0] if few.batch_shape else few, device=device).step()
+        for name in names:
+            sample.jacobian(name)

@@ -19,6 +19,7 @@ from multirod.naming import names_checked, unknown_names
 from multirod.results.derivatives import Columns, known_names, twins_of
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
+from multirod.results.telling import Telling
 from multirod.running.plain import PlainInputs
 from multirod.running.simulation import Runner, as_solver
 from multirod.solver import Solver
@@ -141,6 +142,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
             self._problem.eliminates = True
             self._problem.aim(*self._columns)
         self._batch_shape = np.broadcast_shapes(inputs.batch_shape, self._robot.batch_shape)
+        self._telling = Telling(self._robot, inputs, self._enabled, self._solver.integrator, self._device)
         self._rebind()
 
     def _rebind(self) -> None:
@@ -149,7 +151,7 @@ class Tracker(Uncopied, Generic[Robot_co]):
         slices = {name: problem.input_slice(name) for name in inputs.arrays}
         unpack = Unpack(inputs, slices, self._batch_shape)
         results = self._batch_shape, self._solver.integrator, self._device, problem.record_fields, unpack
-        self._scene: Scene[Any] = Scene(self._robot, *results)
+        self._scene: Scene[Any] = Scene(self._robot, *results, telling=self._telling)
         self._unpack = unpack
         self._plain = PlainInputs(self._robot, problem, inputs)
 

@@ -90,6 +90,7 @@ def of_scene(
     solution = mr.solve(robot, inputs, solver=SOLVER)
     tracker = mr.Tracker(robot, dt=1e-3, solver=SOLVER, inputs=inputs)
     tracker.step()
+    plain = tracker.step()
     carrying = mr.Tracker(robot, dt=1e-3, solver=SOLVER, inputs=inputs, jacobian=("rotation", "tip_force"))
     for _ in range(2):
         sample = carrying.step()
@@ -111,6 +112,7 @@ def of_scene(
             "step": lambda: tracker.step(rotation=values["rotation"]),
             "carrying": lambda: carrying.step(rotation=values["rotation"]),
             "of a sample": lambda: sample.jacobian("rotation", "tip_force"),
+            "of a plain sample": lambda: plain.jacobian("rotation", "tip_force"),
             "solve": lambda: mr.solve(robot, inputs, solver=SOLVER),
         },
         floor,
@@ -124,6 +126,7 @@ def of_scene(
     own("Tracker.step(rotation=...), the inputs as they were", cost["step"], integrations=cost["integration"])
     own('the same of Tracker(jacobian=("rotation", "tip_force"))', cost["carrying"], steps=cost["step"])
     own('jacobian("rotation", "tip_force") of its sample', cost["of a sample"], steps=cost["step"])
+    own("the same of a sample of the other, by an integration of its own", cost["of a plain sample"], steps=cost["step"])
     own('solution.jacobian("rotation", "tip_force")', cost["by inputs"], steps=cost["step"], solves=cost["solve"])
     own("solution.rod(0)", cost["shape"], steps=cost["step"], solves=cost["solve"])
     own("solution.stability", cost["stability"], steps=cost["step"], solves=cost["solve"])

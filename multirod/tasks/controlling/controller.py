@@ -18,6 +18,7 @@ from multirod.launch import expect
 from multirod.naming import names_checked, unknown_names
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
+from multirod.results.telling import Telling
 from multirod.rotations import TURNED, refuse_unturned
 from multirod.running.plain import PlainInputs
 from multirod.running.simulation import as_robot, solve
@@ -144,7 +145,8 @@ class Controller(Uncopied, Generic[Robot_co]):
         refuse_start("Controller.limits", self._rows, p, robot, self.free)
         self._unpack = unpack = Unpack(given, {name: problem.input_slice(name) for name in given.arrays}, ())
         self._given = given
-        self._scene: Scene[Robot_co] = Scene(robot, (), method, device, problem.record_fields, unpack)
+        telling = Telling(robot, given, given.given, method, device)
+        self._scene: Scene[Robot_co] = Scene(robot, (), method, device, problem.record_fields, unpack, telling=telling)
         self._plain, self._names = PlainInputs(robot, problem, given, self.free), {spec.name for spec in robot.input_specs}
         keep = exp(-self.dt / lag)
         weight = np.array([1 / self._length**2, 1 / self._length])
