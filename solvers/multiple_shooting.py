@@ -1,7 +1,7 @@
 """Multiple shooting: the rod in segments short enough that none amplifies an error by much, along the natural branch."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,18 +77,16 @@ class MultipleShooting(Solver):
         return self._report(problem, paths, paths.solve_from(guess), natural=False)
 
     def _resume(self, problem: BoundaryProblem, guess: FloatArray, points: Mapping[int, Breakpoints]) -> Outcome:
-        return self.resume(problem, guess, points, np.full(problem.instance_count, self.max_integrations))
+        return self.resume(problem, guess, points, np.full(problem.instance_count, self.max_integrations))[0]
 
     def resume(
         self, problem: BoundaryProblem, guess: FloatArray, points: Mapping[int, Breakpoints], allowed: IntArray
-    ) -> Outcome:
+    ) -> tuple[Outcome, dict[int, Breakpoints]]:
         """All instances from a guess of their unknowns, (instance_count, n), and of the states at ``points``, each by as many
-        integrations as it is ``allowed``."""
-        everyone = np.arange(problem.instance_count)
-        paths = self._paths(problem, everyone, allowed)
-        cuts = Cuts.of_points({k: replace(points[k], unknowns=guess[k]) for k in everyone.tolist()})
-        results = paths.settled(cuts.over(paths.segments.length(everyone)))
-        return self._report(problem, paths, results, natural=False)
+        integrations as it is ``allowed``; and by what breakpoints each is known now, as ``resume_branch`` has them."""
+        paths = self._paths(problem, np.arange(problem.instance_count), allowed)
+        results = paths.solve_from(guess, points)
+        return self._report(problem, paths, results, natural=False), results.points()
 
     def states(self, problem: BoundaryProblem, instances: IntArray) -> dict[int, Breakpoints]:
         """Breakpoints of some instances, (k,), that their unknowns lead to, and between which nothing is amplified by much."""
@@ -120,9 +118,7 @@ class MultipleShooting(Solver):
         systems = paths.systems(place)
         problem.write("inputs", now)
         results = paths.resume(place.cuts.over(paths.segments.length(everyone)), systems)
-        found = np.flatnonzero(results.status == Status.MULTIPLE_SHOOTING).tolist()
-        points = {k: results.place.cuts.points(k, float(results.residual[k])) for k in found}
-        return self._report(problem, paths, results, natural=True), points
+        return self._report(problem, paths, results, natural=True), results.points()
 
     def _anew(self, problem: BoundaryProblem, allowed: IntArray) -> Outcome:
         """All instances along their natural branches, each by as many integrations as it is allowed."""
@@ -248,7 +244,7 @@ class MultipleShooting(Solver):
             position[tried], rotation[tried] = segments.tip_pose(found.cuts, found.found)
         self._polish(problem, unknowns, (position, rotation), segments, outcome, paths.rounding(place))
         alone = outcome.status == Status.MULTIPLE_SHOOTING
-        points = {k: place.cuts.points(k, float(results.residual[k])) for k in np.flatnonzero(alone).tolist()}
+        points = {k: own for k, own in results.points().items() if alone[k]}
         if natural and points:
             # stable at its start, a natural branch stays stable
             unstable = segments.modes(points).stability == Stability.UNSTABLE
@@ -304,12 +300,14 @@ class _Resumed(Track):
         self.solver = solver
         self.problem = problem
         self.first: FloatArray | None = None
+        self.points: Mapping[int, Breakpoints] = {}  # that the first is known by
         self.natural = True  # or from a guess, which may be unstable
         self.known = np.zeros(problem.instance_count, dtype=bool)
         self.last: Place | None = None  # of all instances; what is not known is of no meaning
 
     def start(self, unknowns: FloatArray) -> None:
         self.first = np.array(unknowns)
+        self.points, self.problem.breakpoints = self.problem.breakpoints, {}
         self.natural = False
 
     def step(self) -> Outcome:
@@ -322,7 +320,7 @@ class _Resumed(Track):
         first, self.first = self.first, None
         paths = solver._paths(problem, everyone, np.full(len(everyone), solver.max_integrations))
         if first is not None:
-            results = paths.solve_from(first)
+            results = paths.solve_from(first, self.points)
             self._anew(paths, results, ~knows(self.problem, first))
         elif not self.known.any():
             results = solver._natural(problem, paths)

@@ -122,7 +122,8 @@ class Shooting(Solver):
         problem.side = self.sign
         everyone = np.arange(problem.instance_count)
         part = problem.parts.of(everyone, double=True)
-        outcome = method.resume(part, guess, points, np.full(len(everyone), min(self.max_integrations, method.max_integrations)))
+        allowed = np.full(len(everyone), min(self.max_integrations, method.max_integrations))
+        outcome, _ = method.resume(part, guess, points, allowed)
         problem.keep(part, everyone)
         lost = np.flatnonzero(failures(outcome.status))
         if len(lost):  # by unknowns, though these hardly lead to tips

@@ -93,6 +93,21 @@ def test_each_sample_of_a_motion_begins_where_the_last_ended(solver, ends):
     np.testing.assert_allclose(history.tip_position[::6], mr.solve(ROBOT, inputs[::6]).tip_position, rtol=0, atol=NEAR)
 
 
+@pytest.mark.parametrize("solver", [mr.Shooting(), mr.MultipleShooting()], ids=["Shooting", "MultipleShooting"])
+def test_a_motion_begins_at_the_states_of_its_guess(solver):
+    """All samples were ``STALLED`` or ``BRANCH_END``; of what is known by its unknowns, and of what failed, nothing changes."""
+    begin = np.array([1.0, 1000, 60, 500])
+    mixed = mr.solve(ROBOT, pulled(begin), solver=mr.Shooting(max_integrations=200))
+    assert mixed.status.tolist() == [mr.Status.CONVERGED, BY_SEGMENTS, mr.Status.CONVERGED, mr.Status.INTEGRATION_LIMIT]
+    inputs = pulled(begin * np.linspace(1.01, 1.04, 4)[:, None])
+    motion = mr.simulate(ROBOT, inputs, time=0.01 * np.arange(4), solver=solver, guess=mixed, progress=False).raise_if_failed()
+    assert motion.integrations[:, :3].max() < SOON
+    for k in (0, 3):
+        np.testing.assert_allclose(motion.tip_position[k], mr.solve(ROBOT, inputs[k]).tip_position, rtol=0, atol=NEAR)
+    tracker = mr.Tracker(ROBOT, inputs=inputs[0], dt=0.01, solver=solver, guess=mixed)
+    np.testing.assert_array_equal(tracker.step().tip_position, motion.tip_position[0])
+
+
 def test_a_motion_is_by_unknowns_again_where_these_do():
     """Let go and pulled again, 77 of 120 samples were ``STALLED``, each after some thousand integrations."""
     times = np.concatenate([np.linspace(600, 2, 60), np.linspace(2, 600, 60)])

@@ -272,6 +272,7 @@ class Runner:
         """Start from a guess of ``count`` instances, of which the problem's are a piece; None is no guess."""
         unknowns = unknowns_of_guess(guess, self.problem, count, piece)
         if unknowns is not None:
+            self.problem.breakpoints = states_of_guess(guess, self.problem, count, piece)
             self.track.start(unknowns)
 
 

@@ -363,7 +363,7 @@ class Paths:
             return 0
         unknowns = self.state.points.numpy()[:, 0]
         size = np.linalg.norm(self.state.reference.numpy(), axis=(1, 2))  # Frobenius: what multiplies a change, at most
-        growth = size / np.linalg.norm(unloaded, axis=1)
+        growth = np.divide(size, np.linalg.norm(unloaded, axis=1), out=np.zeros(len(size)), where=active)
         given_up = active & creeping(level, step, size, growth, unknowns, self._newton.tolerance())
         self.handed |= given_up
         self._set("status", np.where(given_up, Status.STALLED, self._get("status")))

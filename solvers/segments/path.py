@@ -3,12 +3,14 @@
 Numbers in parentheses are those of ``docs/solvers.md``.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from multirod.batch import IntArray
-from multirod.segments import Cuts
+from multirod.segments import Breakpoints, Cuts
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE
 from multirod.solvers.segments.band import Step, Systems
 from multirod.solvers.segments.equilibria import COUNTED_AS_ONE, FEWEST_STEPS, Place, SegmentedEquilibria, among
@@ -48,6 +50,11 @@ class Results:
         self.place = self.place.put(some, other.place)
         for name in ("status", "residual", "level"):
             getattr(self, name)[some] = getattr(other, name)
+
+    def points(self) -> dict[int, Breakpoints]:
+        """Breakpoints of what was found, by its place among the instances."""
+        found = np.flatnonzero(self.status == Status.MULTIPLE_SHOOTING).tolist()
+        return {k: self.place.cuts.points(k, float(self.residual[k])) for k in found}
 
 
 class SegmentedPaths(SegmentedEquilibria):
@@ -217,11 +224,21 @@ class SegmentedPaths(SegmentedEquilibria):
         missed, moved = self.distance(found, expected), self.distance(found, last)
         return np.asarray(missed <= SURPRISE * moved + 1e-6 * (1 + np.abs(found.unknowns).max(axis=1)))
 
-    def solve_from(self, unknowns: FloatArray) -> Results:
-        """Damped Newton at the full load, from the states that integration from the base leads to; ``unknowns`` (count, n)."""
-        full = np.ones(len(self.instances))
-        first = self.begin(unknowns, full)
-        return self._descended(first)
+    def solve_from(self, unknowns: FloatArray, points: Mapping[int, Breakpoints] = MappingProxyType({})) -> Results:
+        """Damped Newton at the full load, from the states that integration from the base leads to, ``unknowns`` (count, n); of
+        what is known by its states at ``points``, by its place among the instances, from these."""
+        full, known = np.ones(len(self.instances)), np.isin(np.arange(len(self.instances)), list(points))
+        cuts = self.start(unknowns)
+        if known.any():
+            own = Cuts.of_points({k: replace(points[k], unknowns=unknowns[k]) for k in np.flatnonzero(known).tolist()})
+            cuts = cuts.put(
+                known, replace(own, instances=self.instances[known]).over(self.segments.length(self.instances[known]))
+            )
+        place = self.evaluate(cuts, full)
+        if not known.all():
+            fine, _ = self.refine(place.chosen(~known), full[~known])
+            place = place.put(~known, fine)
+        return self._descended(place)
 
     def settled(self, cuts: Cuts) -> Results:
         """Damped Newton at the full load from breakpoints near equilibria."""

@@ -90,8 +90,7 @@ class NewtonTrack(Track):
         self._active: NDArray[Any] | None = problem.buffer("active") if wp.get_device(problem.device).is_cpu else None
         self.inputs: FloatArray | None = None  # those of the last good sample
         self._states = LastStates(options, problem)  # of what was found by these
-        self.known = np.zeros(problem.instance_count, dtype=bool)  # instances that have had a good sample, or a guess
-        self.all_known = False
+        self.known, self.all_known = np.zeros(problem.instance_count, dtype=bool), False  # by a good sample, or a guess
         # where branches are near: what came there by an event
         self.fresh, self._any_fresh = np.zeros(problem.instance_count, dtype=bool), False
         # where a branch ended at a sample that cannot tell yet whether it is stable
@@ -107,6 +106,7 @@ class NewtonTrack(Track):
         """Take ``unknowns`` as the sample before the first, of instances whose row is not NaN."""
         self.known = knows(self.problem, unknowns)
         self.all_known = bool(self.known.all())
+        self._states.start(self.known)
         self._past[:, 0], self._points[0] = np.where(self.known[:, None], unknowns, self.problem.guess()), 1
 
     def step(self) -> Outcome:
@@ -159,7 +159,7 @@ class NewtonTrack(Track):
     def _begun(self) -> tuple[Outcome, BoolArray]:
         """The sample of what was found by its states, from these, and without a guess of what has no unknowns to begin with; and
         of which that is all that can be done, shape (instance_count,)."""
-        outcome, found = self._states.resume(self._changed)
+        outcome, found = self._states.resume(self._changed, self.last)
         new = ~self.known & ~found
         if new.any():
             again = ColdStart(self.options, self.problem, self.newton, new).run()
