@@ -28,6 +28,7 @@ class Breakpoints:
         unknowns: Of the boundary problem [1/m], shape (n,).
         steps: Integration steps of each segment, shape (segment_count,).
         gap: What Newton's method left of the equations between segments and at the tip, max norm [1/m]; NaN on the way.
+        neutral: Modes that symmetry leaves neutral.
     """
 
     arclength: FloatArray
@@ -35,6 +36,7 @@ class Breakpoints:
     unknowns: FloatArray
     steps: NDArray[np.int32]
     gap: float = np.nan
+    neutral: int = 0
 
 
 def taken(points: Mapping[int, Breakpoints], instances: IntArray) -> dict[int, Breakpoints]:
@@ -83,11 +85,11 @@ class Cuts:
             np.concatenate([p.steps for p in own]).astype(np.int32),
         )
 
-    def points(self, place: int, gap: float = np.nan) -> Breakpoints:
+    def points(self, place: int, gap: float = np.nan, neutral: int = 0) -> Breakpoints:
         """Breakpoints of one of the instances."""
         mine = slice(self.first[place], self.first[place + 1])
         arclength = np.append(self.start[mine], self.end[mine][-1:])
-        return Breakpoints(arclength, self.states[mine], self.unknowns[place], self.steps[mine], gap)
+        return Breakpoints(arclength, self.states[mine], self.unknowns[place], self.steps[mine], gap, neutral)
 
     @cached_property
     def counts(self) -> IntArray:

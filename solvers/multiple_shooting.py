@@ -13,10 +13,9 @@ from multirod.segments import Breakpoints, Cuts, Segments, placed
 from multirod.solver import Outcome, Solver, Track, knows
 from multirod.solvers.continuation.pace import ROUNDED_OFF, RUNAWAY
 from multirod.solvers.newton.iteration import Newton
-from multirod.solvers.segments.band import Systems
-from multirod.solvers.segments.equilibria import Place
 from multirod.solvers.segments.loosened import Loosened
 from multirod.solvers.segments.path import Results, SegmentedPaths
+from multirod.solvers.segments.place import Place
 from multirod.stability import Stability
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, positive_int
@@ -109,15 +108,18 @@ class MultipleShooting(Solver):
             allowed: Integrations that each may take, (instance_count,).
         """
         everyone, now = np.arange(problem.instance_count), problem.read("inputs")
-        paths, full = self._paths(problem, everyone, allowed), np.ones(len(everyone))
+        paths, full, neutral = self._paths(problem, everyone, allowed), np.ones(len(everyone)), np.zeros(len(everyone), dtype=int)
         problem.write("inputs", before)
         if isinstance(last, np.ndarray):
             place = paths.begin(last, full, np.full(len(everyone), self.integrator.steps or 0))
+            sound = np.flatnonzero(place.found.fault == 0)
+            if len(sound) and not paths.segments.end_held:  # whose conditions hold what symmetry leaves neutral
+                neutral[sound] = paths.segments.modes({k: place.cuts.points(k) for k in sound.tolist()}).soft
         else:
             place = paths.evaluate(Cuts.of_points(last), full)
-        systems = paths.systems(place)
+            neutral[:] = [own.neutral for own in last.values()]
         problem.write("inputs", now)
-        results = paths.resume(place.cuts.over(paths.segments.length(everyone)), systems)
+        results = paths.each(place, neutral, SegmentedPaths.resume)
         return self._report(problem, paths, results, natural=True), results.points()
 
     def _anew(self, problem: BoundaryProblem, allowed: IntArray) -> Outcome:
@@ -157,10 +159,15 @@ class MultipleShooting(Solver):
         outcome.breakpoints |= placed(mine.breakpoints, places)
 
     def go_on(
-        self, problem: BoundaryProblem, outcome: Outcome, ends: Mapping[int, tuple[FloatArray, float, int]], left: IntArray
+        self,
+        problem: BoundaryProblem,
+        outcome: Outcome,
+        ends: Mapping[int, tuple[FloatArray, float, int]],
+        left: IntArray,
+        neutral: int = 0,
     ) -> IntArray:
         """The same from equilibria at a level of the load, by instance: unknowns (n,), level, and the equal steps from base to
-        tip by which it was found, 0 where step control did.
+        tip by which it was found, 0 where step control did; of as many modes that are ``neutral`` all along.
 
         Returns:
             How each ended, (instance_count,), ``NOT_RUN`` where that was not tried; only results are put into the outcome.
@@ -176,7 +183,8 @@ class MultipleShooting(Solver):
         part = problem.parts.of(places, double=True)
         unknowns, level, steps = (np.array(values) for values in zip(*ends.values(), strict=True))
         paths = self._paths(part, np.arange(len(places)), np.minimum(left[places], self.max_integrations))
-        mine = self._report(part, paths, paths.follow(unknowns, _load_scale(part), level, steps), natural=True)
+        results = paths.follow(unknowns, _load_scale(part), level, steps, neutral)
+        mine = self._report(part, paths, results, natural=True)
         found = self._take_over(problem, part, places, mine)
         result[places] = mine.status
         outcome.status[places[found]] = mine.status[found]
@@ -340,8 +348,7 @@ class _Resumed(Track):
         count = len(known)
         last = self.last.chosen(known)
         resumed = solver._paths(problem, np.flatnonzero(known), paths.allowed[known])
-        systems = Systems(last.cuts, last.found, resumed.segments.unknown_places, problem.device)
-        some = resumed.resume(last.cuts.over(resumed.segments.length(resumed.instances)), systems)
+        some = resumed.resume(last)
         results = Results(np.full(count, int(Status.NOT_RUN)), self.last, np.full(count, np.nan), np.ones(count))
         results.put(known, some)
         paths.integrations[known], paths.iterations[known] = resumed.integrations, resumed.iterations

@@ -221,13 +221,14 @@ def _joined(points: Mapping[int, Breakpoints]) -> dict[str, NDArray[Any]] | None
         "steps": np.concatenate([p.steps for p in own]),
         "unknowns": np.stack([p.unknowns for p in own]),
         "gap": np.array([p.gap for p in own]),
+        "neutral": np.array([p.neutral for p in own]),
     }
 
 
 def _separate(joined: Mapping[str, NDArray[Any]] | None) -> dict[int, Breakpoints]:
     if joined is None:
         return {}
-    ends = np.cumsum([0, *joined["segments"]]).tolist()
+    ends, neutral = np.cumsum([0, *joined["segments"]]).tolist(), joined.get("neutral", 0 * joined["segments"])
     return {
         instance: Breakpoints(
             joined["arclength"][first + k : last + k + 1],
@@ -235,6 +236,7 @@ def _separate(joined: Mapping[str, NDArray[Any]] | None) -> dict[int, Breakpoint
             joined["unknowns"][k],
             joined["steps"][first:last],
             float(joined["gap"][k]),
+            int(neutral[k]),
         )
         for k, (instance, (first, last)) in enumerate(zip(joined["instances"].tolist(), pairwise(ends), strict=True))
     }

@@ -48,6 +48,7 @@ def follow(
     slack: NDArray[np.bool_] | None = None,
     thorough: bool = False,
     times: int = 1,
+    loud: float = np.inf,
 ) -> dict[int, Journey]:
     """Let the ``chosen`` instances go on from where their branches ended, or down from what is unstable at the end of its way;
     what comes to that end is put into the problem's buffers and the outcome.
@@ -66,18 +67,16 @@ def follow(
         slack: Which are at the end of the way, but in a valley and not at rest, shape (instance_count,).
         thorough: As ``Walk`` has it.
         times: By so many times as many steps of the integrator as usual, where these are equal.
+        loud: As ``Walk`` has it.
 
     Returns:
         By instance, those that rounding keeps from going on.
     """
-    lost: dict[int, Journey] = {}
-    stability, parts = problem.stability, problem.parts
+    lost, stability, parts = dict[int, Journey](), problem.stability, problem.parts
     if parts is None or stability is None:
         return lost
     if stability.multistable and before is None and problem.joints is None and not parts.may_be_clamped:
         chosen = chosen & parts.loads_alone
-        if not chosen.any():
-            return lost
     potential = stability.has_potential
     slack = np.zeros(problem.instance_count, dtype=bool) if slack is None else slack & potential & (reached == 1)
     chosen = chosen & ((reached < 1) | slack | (potential & (outcome.status == Status.UNSTABLE)))
@@ -114,6 +113,7 @@ def follow(
                 len(clamped),
                 slack=bool(slack[place]),
                 thorough=thorough,
+                loud=loud,
             )
             for k, place in enumerate(own)
         ]

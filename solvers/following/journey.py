@@ -94,7 +94,7 @@ class Journey(Walk):
                 return
             if 1 - LAST < point.level < 1:
                 point, neutral = yield from self._released(point, neutral)
-            if point.level < 1 and point.singular[-1] > self.singular:
+            if point.level < 1 and (point.singular[-1] > self.singular or np.linalg.norm(point.gamma) > self.loud):
                 self._lose(point)
                 return
         if point.level < 1:

@@ -216,7 +216,7 @@ class _Traces:
         count, n = len(places), len(asked[0].start.unknowns)
         self.neutral, self.left = (np.array([getattr(one, name) for one in asked]) for name in ("neutral", "left"))
         self.most, self.tolerance = (np.array([getattr(one, name) for one in asked]) for name in ("most", "tolerance"))
-        self.aside = np.array([one.aside for one in asked])
+        self.aside, self.loud = (np.array([getattr(one, name) for one in asked]) for name in ("aside", "loud"))
         self.safe, self.longest = (np.array([getattr(one, name) for one in asked]) for name in ("safe", "longest"))
         self.at: list[Point] = [one.start for one in asked]
         self.gamma = np.array([one.start.gamma for one in asked])
@@ -239,6 +239,7 @@ class _Traces:
     def goes_on(self) -> bool:
         """Whether some do."""
         self.on &= (self.levels[:, 0] < 1) & (self.taken < self.most) & ~self.spent
+        self.on &= np.linalg.norm(self.gamma, axis=(1, 2)) <= self.loud
         return bool(self.on.any())
 
     def step(self) -> None:

@@ -1,5 +1,6 @@
 """On from where branches ended, by what ``Shooting`` allows: down in energy, and in segments where rounding hides the way."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.following.follow import follow
+from multirod.solvers.following.journey import Journey
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.newton.iteration import Newton
 from multirod.status import BoolArray, IntArray, Status, failures
@@ -14,6 +16,9 @@ from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.solvers.shooting import Shooting
+
+
+LOUD = 1e5  # norm of Gamma where a walk hands over to segments: what rounds off unknowns is a tenth of the tolerance there
 
 
 def in_segments(options: "Shooting") -> MultipleShooting:
@@ -57,25 +62,48 @@ def go_on(
     if options.at_fold == "stop" or not lost.any():
         return
     creeping = lost & (outcome.status == Status.MAX_ITERATIONS)
-    noisy = follow(
-        problem,
-        outcome,
-        lost,
-        unknowns=unknowns,
-        reached=reached,
-        tolerance=newton.tolerance(),
-        allowed=outcome.left_of(options.max_integrations) if left is None else left,
-        max_steps=options.max_continuation_steps,
-        side=options.sign,
-        before=before,
-        slack=slack,
-        thorough=thorough,
-        times=times,
-    )
-    if options.fallback and before is None:
-        ends = {k: (own.lost.unknowns, own.lost.level, own.steps) for k, own in noisy.items() if own.lost is not None}
-        tried = in_segments(options).go_on(problem, outcome, ends, outcome.left_of(options.max_integrations))
+    segmented = options.fallback and before is None and not in_segments(options).unsupported(problem)
+
+    def followed(some: BoolArray, allowed: IntArray, loud: float) -> dict[int, Journey]:
+        noisy = follow(
+            problem,
+            outcome,
+            some,
+            unknowns=unknowns,
+            reached=reached,
+            tolerance=newton.tolerance(),
+            allowed=allowed,
+            max_steps=options.max_continuation_steps,
+            side=options.sign,
+            before=before,
+            slack=slack,
+            thorough=thorough,
+            times=times,
+            loud=loud,
+        )
+        if segmented:
+            _in_segments(options, problem, outcome, noisy)
+        return noisy
+
+    most = outcome.left_of(options.max_integrations) if left is None else left
+    noisy = followed(lost, most, LOUD if segmented else np.inf)
+    again = np.zeros_like(lost)
+    again[[k for k, own in noisy.items() if own.lost is not None and np.linalg.norm(own.lost.gamma) > LOUD]] = segmented
+    again &= failures(outcome.status)
+    if again.any():  # what segments lose may go on as ever
+        followed(again, outcome.left_of(options.max_integrations), np.inf)
+    outcome.status[creeping & (outcome.status == Status.BRANCH_END)] = Status.MAX_ITERATIONS  # it did not end there
+
+
+def _in_segments(options: "Shooting", problem: BoundaryProblem, outcome: Outcome, lost: Mapping[int, Journey]) -> None:
+    """Let the instances of journeys that rounding has ended, or led astray, go on in segments from where that is not so."""
+    neutral = {k: own.events[-1].neutral if own.events else 0 for k, own in lost.items()}
+    for modes in sorted(set(neutral.values())):
+        some = {k: own for k, own in lost.items() if neutral[k] == modes}
+        ends = {k: (own.lost.unknowns, own.lost.level, own.steps) for k, own in some.items() if own.lost is not None}
+        tried = in_segments(options).go_on(problem, outcome, ends, outcome.left_of(options.max_integrations), modes)
         position = problem.read("position")
         for k in np.flatnonzero(~failures(tried)).tolist():
-            outcome.status[k], outcome.events[k] = noisy[k].said, noisy[k].told(position[k])
-    outcome.status[creeping & (outcome.status == Status.BRANCH_END)] = Status.MAX_ITERATIONS  # it did not end there
+            outcome.status[k], outcome.events[k] = some[k].said, some[k].told(position[k])
+            if modes:
+                outcome.turning.add(k)

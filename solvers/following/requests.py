@@ -109,6 +109,7 @@ class Trace:
         most: Steps allowed.
         origin: The point of bifurcation from which it leaves another branch, if it does.
         aside: As ``Correct`` has it.
+        loud: Norm of ``Gamma``, beyond which it goes no further.
     """
 
     start: Point
@@ -121,6 +122,7 @@ class Trace:
     most: int
     origin: Point | None = None
     aside: bool = False
+    loud: float = np.inf
 
 
 @dataclass(frozen=True)

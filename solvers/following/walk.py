@@ -61,6 +61,7 @@ class Walk:
         by_tip: Whether it tells what the rods are like, not where fixed bodies hold all ends: clamps are tried where that fails.
         doubtful: Whether the branch may have begun unstable.
         noisy: Norm of ``Gamma``, beyond which it may be rounding that ends a branch.
+        loud: The same, beyond which segments are to go on.
         potential: Whether its loads have one: without, it is damped dynamics that go on, and of stability an odd number of
             unstable modes is all that can be told.
         singular: Its least singular value, beyond which no mode vanishes where one ends.
@@ -89,6 +90,7 @@ class Walk:
     clampings: int = 0
     slack: bool = False
     thorough: bool = False
+    loud: float = np.inf
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END
@@ -224,7 +226,7 @@ class Walk:
         ways = first, self.safe_step, self.most_step, self.max_steps
         aside = self.hardly > neutral
         count = max(neutral, self.hardly)
-        return (yield from self._ask(Trace(start, count, self.tolerance, self._left, *ways, origin, aside))).point
+        return (yield from self._ask(Trace(start, count, self.tolerance, self._left, *ways, origin, aside, self.loud))).point
 
     def _let_down(self, point: Point) -> Run:
         """(13) The equilibrium to which the valley leads in which a point is; None where none was found."""

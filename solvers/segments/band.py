@@ -4,7 +4,7 @@ Numbers in parentheses are those of ``docs/solvers.md``.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import ref
 
@@ -17,6 +17,7 @@ from multirod.launch import record
 from multirod.segments import Cuts, Propagation, replaced_rows
 from multirod.solvers.continuation.acceptance import LARGEST_RATIO, RATIO_POWERS, SMALLEST_RATIO
 from multirod.solvers.segments.band_kernels import Band, Krylov, Sides, change, factorise, solve
+from multirod.solvers.segments.neutral import Neutral
 from multirod.status import BoolArray
 from multirod.validation import FloatArray
 
@@ -174,8 +175,9 @@ class _Slot:
     def factorise(self, systems: "Systems") -> None:
         """Take these, and say where they are singular."""
         self._given["first"].put(systems.cuts.first)
-        self._given["transition"].put(systems.found.transition)
-        self._given["tip"].put(systems.found.residual_columns)
+        transition, tip = systems.blocks()
+        self._given["transition"].put(transition)
+        self._given["tip"].put(tip)
         self._factorise.of(systems.count)
         systems.singular_at = self._singular.get(systems.count) != 0
         self.of = ref(systems)
@@ -239,6 +241,7 @@ class Systems:
         places: Of the unknowns among the variations at the base, shape (n,).
         device: Warp device.
         rooms: Those to be used, and added to where there is none that fits, by what fits.
+        neutral: What no step goes along, if there is such.
     """
 
     def __init__(
@@ -248,31 +251,45 @@ class Systems:
         places: NDArray[np.intp],
         device: str,
         rooms: dict[tuple[int, ...], Room] | None = None,
+        neutral: Neutral | None = None,
     ) -> None:
-        self.cuts, self.found, self.places, self.device = cuts, found, places, device
+        self.cuts, self.found, self.places, self.device, self.neutral = cuts, found, places, device, neutral
         self.n, self.d, self.count = len(places), found.transition.shape[1], len(cuts.instances)
         self.rooms = {} if rooms is None else rooms
         self.singular_at: BoolArray | None = None  # once they are factored
+
+    def _alike(self, cuts: Cuts, found: Propagation, neutral: Neutral | None) -> "Systems":
+        return Systems(cuts, found, self.places, self.device, self.rooms, neutral)
 
     def chosen(self, some: BoolArray) -> "Systems":
         """Of some of the instances, (count,)."""
         if some.all():
             return self
-        return Systems(self.cuts.chosen(some), self.found.chosen(self.cuts, some), self.places, self.device, self.rooms)
+        neutral = None if self.neutral is None else self.neutral.chosen(some)
+        return self._alike(self.cuts.chosen(some), self.found.chosen(self.cuts, some), neutral)
 
     def put(self, some: BoolArray, other: "Systems") -> "Systems":
         """These, with others in place of some of the instances, (count,)."""
         found = self.found.put(self.cuts, some, other.cuts, other.found)
-        return Systems(self.cuts.put(some, other.cuts), found, self.places, self.device, self.rooms)
+        neutral = self.neutral
+        if neutral is not None and other.neutral is not None:
+            neutral = neutral.put(some, other.neutral)
+        return self._alike(self.cuts.put(some, other.cuts), found, neutral)
+
+    def blocks(self) -> tuple[FloatArray, FloatArray]:
+        """Transitions and what is lacking at the tip, as the kernels want them, of columns ``room`` knows."""
+        transition, tip = self.found.transition, self.found.residual_columns
+        return (transition, tip) if self.neutral is None else self.neutral.bordered(self.cuts, transition, tip, self.places)
 
     @property
     def room(self) -> Room:
         """One that these fit."""
         columns = self.found.transition.shape[2], self.found.residual_columns.shape[2]
         capacity = tuple(1 << max(size - 1, 0).bit_length() for size in (self.count, len(self.cuts.start)))
-        key = (*capacity, self.n, self.d, *columns)
+        places = self.places if self.neutral is None else np.arange(self.n - self.neutral.modes)
+        key = (*capacity, self.d, *columns, *places.tolist())
         if key not in self.rooms:
-            self.rooms[key] = Room(capacity[0], capacity[1], (self.n, self.d, *columns), self.places, self.device)
+            self.rooms[key] = Room(capacity[0], capacity[1], (len(places), self.d, *columns), places, self.device)
         return self.rooms[key]
 
     @property
@@ -284,8 +301,47 @@ class Systems:
         return self.singular_at
 
     def solve(self, right: Step) -> Step:
-        """``J^-1`` times right-hand sides; NaN where it is singular."""
-        return self.room.slot(self).solve(right)
+        """``J^-1`` times right-hand sides; NaN where it is singular. Across what is neutral, if there is such."""
+        if self.neutral is None:
+            return self.room.slot(self).solve(right)
+        own = self.neutral.left_across(right.own)
+        found = self.room.slot(self).solve(Step(own, right.rows))
+        return Step(self.neutral.from_across(found.own), found.rows)
+
+    def turned(self) -> Neutral:
+        """(25) What is neutral here, near what it is taken for."""
+        assert self.neutral is not None  # or nothing is
+        return Neutral(self._neutral(), self._transposed()._neutral())
+
+    def _neutral(self) -> FloatArray:
+        """What ``J`` makes nothing of, its part of the unknowns, orthonormal, shape (count, n, m)."""
+        assert self.neutral is not None  # as before
+        cuts, given = self.cuts, self.neutral.right
+        first, alone = cuts.first[:-1], cuts.counts == 1
+        result = np.empty_like(given)
+        for k in range(self.neutral.modes):
+            rows = np.zeros((len(cuts.start), self.d))
+            rows[first] = -np.einsum("kij,kj->ki", self.found.transition[first][:, :, self.places], given[:, :, k])
+            own = -np.einsum("kij,kj->ki", self.found.residual_columns[:, :, self.places], given[:, :, k])
+            rows[first[alone]] = 0.0
+            result[:, :, k] = given[:, :, k] + self.solve(Step(np.where(alone[:, None], own, 0.0), rows)).own
+        sound = np.asarray(np.isfinite(result).all(axis=(1, 2)))
+        return np.asarray(np.linalg.qr(np.where(sound[:, None, None], result, given))[0])
+
+    def _transposed(self) -> "Systems":
+        """Those of the transposes: the tip comes first."""
+        assert self.neutral is not None  # as before
+        cuts, found, n, d = self.cuts, self.found, self.n, self.d
+        tip = cuts.first[1:] - 1
+        transition, last = np.zeros_like(found.transition), np.zeros_like(found.residual_columns)
+        backward = (cuts.first[:-1] + cuts.first[1:])[cuts.owner] - np.arange(len(cuts.start)) - 1
+        transition[:, :, :d] = found.transition[backward][:, :, :d].swapaxes(1, 2)
+        transition[cuts.first[:-1], :, :n] = found.residual_columns[:, :, :d].swapaxes(1, 2)
+        last[:, :, :d] = transition[tip][:, self.places, :d]
+        alone = cuts.counts == 1
+        last[alone, :, :n] = found.residual_columns[alone][:, :, self.places].swapaxes(1, 2)
+        other = replace(found, transition=transition, residual_columns=last)
+        return Systems(cuts, other, np.arange(n), self.device, self.rooms, self.neutral.swapped)
 
     def same_branch(self, after: "Systems") -> BoolArray:
         """Whether no mode came near zero or changed sign between these equilibria and those ``after``, on the same breakpoints,

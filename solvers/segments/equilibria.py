@@ -4,7 +4,7 @@ Each launch integrates for all that are meant, and nothing of one instance depen
 of ``docs/solvers.md``.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -15,6 +15,8 @@ from multirod.integrators import Integrator
 from multirod.segments import Cuts, Propagation, Segments
 from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.segments.band import Room, Step, Systems
+from multirod.solvers.segments.neutral import Neutral
+from multirod.solvers.segments.place import Place
 from multirod.status import BoolArray, Fault
 from multirod.validation import FloatArray
 
@@ -29,27 +31,6 @@ COUNTED_AS_ONE = 192  # segments integrated, or Jacobians of so many compared
 LEAST_PART = 1e-6  # of a Newton step
 PROBE = 1e-4  # step in the load, relative to the present, by which the tangent is found
 SPENT = -1  # in place of a fault: an instance has taken the integrations that it may
-
-
-@dataclass
-class Place:
-    """States of several instances and where their segments lead.
-
-    Attributes:
-        cuts: The segments.
-        found: Where they lead.
-    """
-
-    cuts: Cuts
-    found: Propagation
-
-    def chosen(self, some: BoolArray) -> "Place":
-        """Of some of the instances, (count,)."""
-        return Place(self.cuts.chosen(some), self.found.chosen(self.cuts, some))
-
-    def put(self, some: BoolArray, other: "Place") -> "Place":
-        """This, with ``other`` in place of some of the instances, (count,)."""
-        return Place(self.cuts.put(some, other.cuts), self.found.put(self.cuts, some, other.cuts, other.found))
 
 
 class SegmentedEquilibria:
@@ -92,6 +73,7 @@ class SegmentedEquilibria:
         self._numbers = np.full(int(self.instances.max(initial=-1)) + 1, -1)
         self._numbers[self.instances] = np.arange(count)
         self._rooms: dict[tuple[int, ...], Room] = {}
+        self.neutral: Neutral | None = None  # along what no step of any instance goes
 
     def of(self, instances: IntArray, tolerance: FloatArray, allowed: IntArray) -> Self:
         """The same of some instances."""
@@ -177,20 +159,32 @@ class SegmentedEquilibria:
 
     def systems(self, place: Place) -> Systems:
         """The Jacobians there."""
-        return Systems(place.cuts, place.found, self.segments.unknown_places, self.segments.device, self._rooms)
+        own = self.neutral
+        if own is not None:
+            own = Neutral(own.right[self._of(place.cuts)], own.left[self._of(place.cuts)])
+        return Systems(place.cuts, place.found, self.segments.unknown_places, self.segments.device, self._rooms, own)
 
     def rounding(self, place: Place) -> FloatArray:
         """What rounding of the unknowns leaves of the residual of an integration from base to tip [1/m], (3), shape (count,)."""
-        cuts, d = place.cuts, self.segments.variation_size
-        count, n = cuts.unknowns.shape
-        led = np.zeros((count, d, n))
-        led[:, self.segments.unknown_places, np.arange(n)] = np.finfo(float).eps * cuts.unknowns
+        amplified = np.abs(place.gamma(self.segments.unknown_places))
         with np.errstate(over="ignore", invalid="ignore"):
-            for k in range(int(cuts.counts.max()) - 1):
-                on = cuts.counts > k + 1
-                led[on] = place.found.transition[cuts.first[:-1][on] + k, :, :d] @ led[on]
-            left = np.abs(place.found.residual_columns[:, :, :d] @ led).sum(axis=2).max(axis=1)
+            left = (amplified * np.finfo(float).eps * np.abs(place.cuts.unknowns[:, None])).sum(axis=2).max(axis=1)
         return np.asarray(np.where(np.isnan(left), np.inf, left))
+
+    # ---- what symmetry leaves neutral ----
+
+    def leave_neutral(self, place: Place, modes: int) -> None:
+        """Take no step along so many modes of all instances, which are neutral at these equilibria."""
+        if modes:
+            self.neutral = Neutral.of_gamma(place.gamma(self.segments.unknown_places), modes)
+            self.turn(place)
+
+    def turn(self, place: Place) -> None:
+        """(25) Tell anew, of some instances, what is neutral."""
+        if self.neutral is not None:
+            some = np.zeros(len(self.instances), dtype=bool)
+            some[self._of(place.cuts)] = True
+            self.neutral = self.neutral.put(some, self.systems(place).turned())
 
     # ---- Newton's method ----
 

@@ -3,9 +3,10 @@
 Numbers in parentheses are those of ``docs/solvers.md``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from multirod.batch import IntArray
 from multirod.segments import Breakpoints, Cuts
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE
 from multirod.solvers.segments.band import Step, Systems
-from multirod.solvers.segments.equilibria import COUNTED_AS_ONE, FEWEST_STEPS, Place, SegmentedEquilibria, among
+from multirod.solvers.segments.equilibria import COUNTED_AS_ONE, FEWEST_STEPS, SegmentedEquilibria, among
+from multirod.solvers.segments.place import Place
 from multirod.status import BoolArray, Fault, Status
 from multirod.validation import FloatArray
 
@@ -38,12 +40,14 @@ class Results:
         place: The last equilibria.
         residual: Largest gap [1/m]; NaN where there is no result.
         level: Part of the load that was reached.
+        neutral: Modes of each that are neutral all along, or of all.
     """
 
     status: IntArray
     place: Place
     residual: FloatArray
     level: FloatArray
+    neutral: IntArray | int = 0
 
     def put(self, some: BoolArray, other: "Results") -> None:
         """Take over some of the instances, (count,), all that ``other`` has."""
@@ -54,7 +58,8 @@ class Results:
     def points(self) -> dict[int, Breakpoints]:
         """Breakpoints of what was found, by its place among the instances."""
         found = np.flatnonzero(self.status == Status.MULTIPLE_SHOOTING).tolist()
-        return {k: self.place.cuts.points(k, float(self.residual[k])) for k in found}
+        modes = np.broadcast_to(self.neutral, len(self.status)).tolist()
+        return {k: self.place.cuts.points(k, float(self.residual[k]), modes[k]) for k in found}
 
 
 class SegmentedPaths(SegmentedEquilibria):
@@ -63,19 +68,26 @@ class SegmentedPaths(SegmentedEquilibria):
     # ---- from the unloaded rod, from a guess, or from an equilibrium ----
 
     def follow(
-        self, unknowns: FloatArray, scale: FloatArray, level: FloatArray | None = None, steps: IntArray | None = None
+        self,
+        unknowns: FloatArray,
+        scale: FloatArray,
+        level: FloatArray | None = None,
+        steps: IntArray | None = None,
+        neutral: int = 0,
     ) -> Results:
         """From equilibria without loads, or at levels of them, to the full loads, whose sizes against the stiffness ``scale`` is.
 
-        All of the first axis count; ``steps`` are those by which they were found, as ``begin`` has them.
+        All of the first axis count; ``steps`` are those by which they were found, as ``begin`` has them, and as many modes of
+        each are ``neutral`` on all the way.
         """
         count = len(self.instances)
         level = np.zeros(count) if level is None else np.array(level)
         safe = SAFE_LOAD / scale
         place = self.begin(unknowns, level, steps)
-        results = Results(np.full(count, int(Status.NOT_RUN)), place, np.full(count, np.nan), level)
+        results = Results(np.full(count, int(Status.NOT_RUN)), place, np.full(count, np.nan), level, neutral)
         on = self._end(results, self._fault == 0, Status.STALLED)
         if on.any():
+            self.leave_neutral(place, neutral)
             settled, good = self.settle(results.place.cuts.chosen(on), level[on])
             results.place = results.place.put(on, settled)
             on = self._end(results, among(on, good), Status.STALLED)
@@ -152,6 +164,7 @@ class SegmentedPaths(SegmentedEquilibria):
                 break
             if (new := new & on).any():
                 here = place.chosen(new)
+                self.turn(here)
                 systems, own = self.tangent(here, level[new], safe[new])
                 own = own.times(here.cuts, (level + safe)[new])
                 change = _change(before.cuts.chosen(new), rate.chosen(before.cuts, new), here.cuts, own)
@@ -238,13 +251,14 @@ class SegmentedPaths(SegmentedEquilibria):
         if not known.all():
             fine, _ = self.refine(place.chosen(~known), full[~known])
             place = place.put(~known, fine)
-        return self._descended(place)
+        neutral = np.array([points[k].neutral if on else 0 for k, on in enumerate(known.tolist())])
+        return self.each(place, neutral, SegmentedPaths.descended) if neutral.any() else self.descended(place)
 
     def settled(self, cuts: Cuts) -> Results:
         """Damped Newton at the full load from breakpoints near equilibria."""
-        return self._descended(self.evaluate(cuts, np.ones(len(self.instances))))
+        return self.descended(self.evaluate(cuts, np.ones(len(self.instances))))
 
-    def _descended(self, place: Place) -> Results:
+    def descended(self, place: Place) -> Results:
         """Damped Newton at the full load, from all instances' states."""
         place, reached = self.descend(place)
         count = len(reached)
@@ -252,9 +266,26 @@ class SegmentedPaths(SegmentedEquilibria):
         self._finish(results, self._end(results, reached, Status.STALLED))
         return results
 
-    def resume(self, cuts: Cuts, before: Systems) -> Results:
+    def each(self, place: Place, neutral: IntArray, led: Callable[[Self, Place], Results]) -> Results:
+        """What instances are ``led`` to from places near equilibria, of each of which so many modes are neutral, (count,)."""
+        count, everyone = len(neutral), self.instances
+        results = Results(np.full(count, int(Status.NOT_RUN)), place, np.full(count, np.nan), np.ones(count), neutral)
+        for modes in np.unique(neutral).tolist():
+            some = neutral == modes
+            here, own = (
+                place.chosen(some),
+                self.of(everyone[some], self.tolerance[some], (self.allowed - self.integrations)[some]),
+            )
+            own.leave_neutral(here, modes)
+            results.put(some, led(own, here))
+            self.integrations[some] += own.integrations
+            self.iterations[some] += own.iterations
+        return results
+
+    def resume(self, last: Place) -> Results:
         """Damped Newton at the full load from the last equilibria under other loads; ``NOT_RUN`` where that leads off their
         branches."""
+        cuts, before = last.cuts.over(self.segments.length(self.instances)), self.systems(last)
         full = np.ones(len(self.instances))
         place, reached = self.descend(self.evaluate(cuts, full))
         if reached.any():

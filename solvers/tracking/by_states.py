@@ -36,6 +36,8 @@ class LastStates:
         self._now: dict[int, Breakpoints] = {}  # of this sample, so far
         self._inputs: FloatArray = np.zeros((0, 0))
         self._guess: dict[int, Breakpoints] = {}  # what is known of the first sample
+        # of which symmetry left a mode neutral at an event, and those of them whose unknowns hardly lead to their tips
+        self._turns, self.turning = np.zeros((2, problem.instance_count), dtype=bool)
 
     def __bool__(self) -> bool:
         """Whether any is, of the last sample or of this one so far."""
@@ -48,10 +50,12 @@ class LastStates:
 
     def keep(self, outcome: Outcome, inputs: FloatArray) -> None:
         """Those of a sample at ``inputs`` (instance_count, k) that its unknowns cannot be followed from."""
+        self._turns[list(outcome.turning)] = True
         known = outcome.breakpoints | self._now
         lost = failures(outcome.status)
-        if known:
-            sensitive = np.linalg.norm(self._problem.read("gamma"), axis=1) > NOISY
+        if known or self._turns.any():
+            size = np.linalg.norm(self._problem.read("gamma"), axis=1)
+            sensitive, self.turning = size > NOISY, self._turns & ~(size <= NOISY)
             known = {k: own for k, own in known.items() if not lost[k] and (sensitive[k] or k in outcome.breakpoints)}
         self._points, self._now, self._inputs = known, {}, inputs
 

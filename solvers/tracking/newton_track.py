@@ -219,14 +219,14 @@ class NewtonTrack(Track):
                 # where both lead to the same, branches are no longer near
                 self.fresh &= ~(calm & np.isclose(own, problem.read("unknowns"), rtol=SAME, atol=SAME).all(axis=1))
             if edge.any():
-                self._leave_edge(edge & (outcome.status == _CONVERGED), outcome, self.inputs)
+                self._leave_edge(edge & ~self._states.turning & (outcome.status == _CONVERGED), outcome, self.inputs)
             self._begin_anew(outcome, self.inputs)
         return self._keep(outcome)
 
     def _by_states(self, doubtful: BoolArray, outcome: Outcome, before: FloatArray) -> BoolArray:
         """Solve those again, from the states of the last good sample, whose base alone hardly leads to their tips. Which were
         found, shape (instance_count,)."""
-        lost = doubtful & ~self.fresh
+        lost = doubtful & (~self.fresh | self._states.turning)
         if not lost.any() or self.problem.segments is None:
             return np.zeros_like(lost)
         lost &= np.linalg.norm(self.newton.reference(), axis=1) > NOISY
@@ -372,8 +372,7 @@ class NewtonTrack(Track):
             self._learn(found, np.ones_like(self.known), np.zeros_like(self.known))
             past[:] = _shifted(past, found)
             self._last_inputs[:] = inputs
-            if self._states:
-                self._states.keep(outcome, inputs)
+            self._states.keep(outcome, inputs)
             self.newton.set_reference()
         else:
             # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
