@@ -34,16 +34,17 @@ class BackboneDerivatives:
 
     def point(self, directions: FloatArray) -> None:
         """Set ``directions`` by ``followed`` but for what depends on inputs and unknowns, which ``refresh`` has to find."""
-        names = self.followed
+        names, last = self.followed, 0
+        for name in names:
+            for own in self._columns_of(names, name):
+                directions[:, own] = self._directions_at_rest(name)
+                last = max(last, own.stop)
+        directions[:, last:] = 0.0
 
-        def made() -> FloatArray:
-            fixed = np.zeros(directions.shape)
-            for name in names:
-                for own in self._columns_of(names, name):
-                    fixed[:, own] = 0.0 if name == "base" else self.problem.directions_by(name)
-            return fixed
-
-        directions[:] = self.problem.tool(("pointed", names), made)
+    def _directions_at_rest(self, name: str) -> FloatArray | float:
+        if name in COMPONENTS:
+            return self.designs(name).rows_at_rest
+        return 0.0 if name == "base" else self.problem.directions_by(name)
 
     def refresh(self, directions: FloatArray | None) -> None:
         """What of the directions by ``followed`` depends on inputs and unknowns, in place, at those of the problem.

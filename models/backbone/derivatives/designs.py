@@ -135,9 +135,10 @@ class Designs:
 
     def rows(self) -> FloatArray:
         """Directions as kernels read them, shape (instance_count, direction, input and rods)."""
-        result = self._rows
-        if self.problem.transmission:
-            result[..., self.problem.input_slice("rotation")] = self._behind.turns()
+        if not self.problem.transmission:
+            return self.rows_at_rest
+        result = self.rows_at_rest.copy()
+        result[..., self.problem.input_slice("rotation")] = self._behind.turns()
         return result
 
     @cached_property
@@ -145,7 +146,8 @@ class Designs:
         return BehindPlate(self.problem, [self])
 
     @cached_property
-    def _rows(self) -> FloatArray:
+    def rows_at_rest(self) -> FloatArray:
+        """The same but for (D8), by which they depend on inputs and unknowns."""
         problem = self.problem
         terms = problem.arrays.precurvature.shape[-1]
         at = DesignOffsets(terms // 3, problem.features.loads)
