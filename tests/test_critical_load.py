@@ -413,8 +413,6 @@ def test_what_is_refused(wire):
         mr.critical_loads(robot, robot.inputs(tip_force=(0, 0, 1), tip_moment=(0, 0, 1)))
     with pytest.raises(ValueError, match="nothing is raised.* give start="):
         mr.critical_loads(robot, robot.inputs(rotation=1.0))
-    with pytest.raises(ValueError, match=r"inputs = leading axes \(2,\)"):
-        mr.critical_loads(robot, robot.inputs(tip_force=np.eye(3)[:2]))
     with pytest.raises(ValueError, match="start = functions of arclength"):
         mr.critical_loads(robot, robot.inputs(), start=robot.inputs(distributed_force=lambda s: (0, 0, s)))
     with pytest.raises(ValueError, match="count"):

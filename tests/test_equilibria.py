@@ -406,8 +406,6 @@ def test_one_equilibrium_is_found_once(wire):
 
 def test_refusals(wire, monkeypatch):
     robot = mr.SingleRod(wire)
-    with pytest.raises(ValueError, match=r"leading axes \(2,\) is not allowed: there must be none"):
-        mr.equilibria(robot, robot.inputs(rotation=[0.0, 1.0]))
     with pytest.raises(TypeError, match="needs Shooting"):
         mr.equilibria(robot, solver=mr.ScipyShooting())
     with pytest.raises(ValueError, match="starts = 0 is not allowed"):

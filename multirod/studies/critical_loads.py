@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from multirod.solvers.segments import equations_of
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures
+from multirod.studies.each import Instance, of_each
 from multirod.types import Numbers
 from multirod.validation import LARGEST, Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
 from multirod.warning import warn
@@ -119,88 +120,106 @@ def critical_loads(
     max_steps: int = 500,
     solver: Shooting | None = None,
     device: str = "cpu",
-) -> CriticalLoads:
+) -> CriticalLoads | Any:  # noqa: ANN401  (``types`` says why)
     """The load factors at which the equilibrium on the natural branch, or on that of a ``guess``, loses stability.
 
     The inputs are raised from ``start`` in proportion, ``start + load_factor * (inputs - start)``, and the branch is followed
     from the stable equilibrium at ``start``, through folds and past bifurcations. Every step is cut in two until the eigenvalues
     at the ends of its parts tell what happens in between; where that cannot be told, the result and a warning say so. That is a
-    strong check, but no proof. Equation numbers and the method: ``docs/stability.md``.
+    strong check, but no proof. Equation numbers and the method: ``docs/stability.md``. The branch of each instance of a batch is
+    followed by itself, and takes as long as alone.
 
     Args:
         robot: The assembly.
-        inputs: Made by ``robot.inputs(...)``, without leading axes: what a load factor of 1 means.
+        inputs: Made by ``robot.inputs(...)``: what a load factor of 1 means.
         start: Inputs at load factor 0; by default ``inputs`` without loads (forces, gravity). Give it to raise something else,
             such as the rotation of a tube, or one load while another stays.
-        guess: Of the equilibrium at ``start``, as for ``solve``: where there are several, such as of a rod that is bent closed.
+        guess: Of the equilibrium at ``start``, as for ``solve``: where there are several, such as of a rod that is bent closed;
+            one for all instances of a batch, or one for each.
         count: How many changes of stability to look for, along the branch.
         up_to: Load factor where the search ends.
         max_steps: Steps along the branch.
         solver: ``Shooting(tolerance=4e-11 / L, integrator=RK45(steps=150), max_integrations=50_000)`` by default, ``L`` the
             length of the longest rod: of it the tolerance and the integrator are used, the latter in double precision; to find
-            the equilibrium at ``start``, all of it; and its ``max_integrations`` for all that is done until the last of them is
-            found.
+            the equilibrium at ``start``, all of it; and its ``max_integrations`` for all that is done of an instance until the
+            last of them is found.
         device: Warp device.
 
     Returns:
         Those found, in the order of the branch: fewer than ``count`` if ``up_to`` comes first. It is a tuple that also says how
-        far the branch was searched (``reached``) and where something may be missing (``undecided``).
+        far the branch was searched (``reached``) and where something may be missing (``undecided``). Of a batch, an array of
+        such, dtype ``object``, with the leading axes of robot and inputs together: None stands where a ``SolveError`` would be.
 
     Warns:
         IncompleteWarning: If two changes of stability in a row, which cancel, may be missing, or all integrations allowed
-            were used up, or the branch cannot be followed to as many as ``count``; the message says where.
+            were used up, or the branch cannot be followed to as many as ``count``; the message says where. If nothing is found
+            of some instances of a batch.
 
     Raises:
-        SolveError: If there is no stable equilibrium at ``start``, or the branch cannot be followed to the first of them.
-        TypeError, ValueError: If an argument is not what it must be, or the robot or its inputs have leading axes.
+        SolveError: If there is no stable equilibrium at ``start``, or the branch cannot be followed to the first of them, of one
+            instance.
+        TypeError, ValueError: If an argument is not what it must be, or nothing is raised.
     """
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
-    usual = Shooting(tolerance=PRECISE / robot.longest, integrator=RK45(steps=STEPS), max_integrations=SEARCHED)
-    method = usual if solver is None else solver
-    if not isinstance(method, Shooting):
-        raise TypeError(f"solver: critical_loads() needs Shooting(), not {type(method).__name__}")
-    method = method.in_double()
+    if not (solver is None or isinstance(solver, Shooting)):
+        raise TypeError(f"solver: critical_loads() needs Shooting(), not {type(solver).__name__}")
     positive_int("count", count), positive_int("max_steps", max_steps)
     if number("up_to", up_to) != np.inf:
         positive_float("up_to", up_to)
     device = device_name("device", device)
     inputs = robot.accept(inputs)
     begin = unloaded(robot, inputs) if start is None else robot.accept(start, "start")
-    for name, given in (("inputs", inputs), ("start", begin)):
-        batch = np.broadcast_shapes(given.batch_shape, robot.batch_shape)
-        if batch:
-            refuse(
-                name,
-                Described(f"leading axes {batch}"),
-                "there must be none: ask for one at a time, robot[0] of a batch of designs",
-            )
     if begin.profiles:
         refuse("start", Described(f"functions of arclength for {', '.join(begin.profiles)}"), "give numbers")
-    budget = Budget(method.max_integrations)
-    branch, first = natural_start(robot, begin, inputs, method, device, budget, guess)
-    if first.modes.stability[0] != Stability.STABLE:
-        stability = Stability(int(first.modes.stability[0]))
-        raise SolveError(f"at the start the equilibrium is {stability.name}: {NOT_STABLE[stability]}")
-    changes, undecided, reached = _changes(branch, first, count, up_to, max_steps)
-    if undecided:
-        ranges = ", ".join(f"{low:.12g} to {high:.12g}" for low, high in undecided)
-        warn(
-            f"at load factors {ranges} a mode is so near to neutral that stability may be lost and regained unseen",
-            IncompleteWarning,
-        )
-    if budget.left < 0:
-        warn(
-            f"the {method.max_integrations} integrations allowed were used up at a load factor of {reached:.6g}: give a "
-            "solver with more max_integrations, or up_to",
-            IncompleteWarning,
-        )
-    found = [_critical(robot, method, begin, inputs, branch, change, device) for change in changes]
-    return CriticalLoads(found, reached=reached, undecided=undecided)
+    search = _Search(count, up_to, max_steps, solver, device)
+    if not (robot.batch_shape or inputs.batch_shape or begin.batch_shape):
+        return search.along(robot, inputs, begin, guess, "")
+
+    def along_one(own: Instance) -> CriticalLoads:
+        return search.along(own.of(robot), own.of(inputs), own.of(begin), own.guess(guess), own.said)
+
+    return of_each("critical loads", robot, (inputs, begin), along_one)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What is looked for along the branch of each instance, as ``critical_loads`` says."""
+
+    count: int
+    up_to: float
+    max_steps: int
+    solver: Shooting | None
+    device: str
+
+    def along(self, robot: Assembly, inputs: Inputs, begin: Inputs, guess: Solution | Numbers | None, said: str) -> CriticalLoads:
+        """The critical loads of one instance, of which warnings say which it is."""
+        usual = Shooting(tolerance=PRECISE / robot.longest, integrator=RK45(steps=STEPS), max_integrations=SEARCHED)
+        method = (usual if self.solver is None else self.solver).in_double()
+        budget = Budget(method.max_integrations)
+        branch, first = natural_start(robot, begin, inputs, method, self.device, budget, guess)
+        if first.modes.stability[0] != Stability.STABLE:
+            stability = Stability(int(first.modes.stability[0]))
+            raise SolveError(f"at the start the equilibrium is {stability.name}: {NOT_STABLE[stability]}")
+        changes, undecided, reached = _changes(branch, first, self, said)
+        if undecided:
+            ranges = ", ".join(f"{low:.12g} to {high:.12g}" for low, high in undecided)
+            warn(
+                f"{said}at load factors {ranges} a mode is so near to neutral that stability may be lost and regained unseen",
+                IncompleteWarning,
+            )
+        if budget.left < 0:
+            warn(
+                f"{said}the {method.max_integrations} integrations allowed were used up at a load factor of {reached:.6g}: give "
+                "a solver with more max_integrations, or up_to",
+                IncompleteWarning,
+            )
+        found = [_critical(robot, method, begin, inputs, branch, change, self.device) for change in changes]
+        return CriticalLoads(found, reached=reached, undecided=undecided)
 
 
 def _changes(
-    branch: Branch, first: Point, count: int, up_to: float, max_steps: int
+    branch: Branch, first: Point, search: _Search, said: str
 ) -> tuple[list[Change], tuple[tuple[float, float], ...], float]:
     """Changes along the branch, where some may be missing, and the largest load factor up to which that is all.
 
@@ -210,12 +229,13 @@ def _changes(
     Raises:
         SolveError: If it ends before the first.
     """
+    count, up_to = search.count, search.up_to
     found: list[Change] = []
     undecided: list[tuple[float, float]] = []
     reached = 0.0
     passed = [first]
     try:
-        for step in branch.steps(first, max_steps):
+        for step in branch.steps(first, search.max_steps):
             changes = step.changes[: count - len(found)]
             end = changes[-1].point if len(found) + len(changes) == count else step.after
             for part in step.undecided:
@@ -236,7 +256,7 @@ def _changes(
         return found, _joined(undecided), min(reached, up_to)
     except BranchLost as lost:
         if found:
-            warn(f"{lost}; before that, {len(found)} of the {count} critical loads asked for were found", IncompleteWarning)
+            warn(f"{said}{lost}; before that, {len(found)} of the {count} critical loads asked for were found", IncompleteWarning)
             return found, _joined(undecided), min(reached, up_to)
         hint = f"; no change of stability before that: give up_to={0.99 * reached:.3g} for a result" if reached else ""
         if _stiffens(branch, passed):

@@ -22,7 +22,8 @@ from multirod.solvers.starting import MOST_STARTS, SAME_WITHIN, STARTS_IN_A_ROUN
 from multirod.stability import Stability
 from multirod.status import Status, failures
 from multirod.studies.critical_loads import natural_start, unloaded, within
-from multirod.validation import Described, FloatArray, device_name, frozen, positive_int, refuse
+from multirod.studies.each import Instance, of_each
+from multirod.validation import FloatArray, device_name, frozen, positive_int
 from multirod.warning import warn
 
 FOLLOWED = 32  # branches through equilibria that were found, where the signs tell of others
@@ -94,7 +95,7 @@ class Equilibria(Solution[Robot_co]):
 @names_checked
 def equilibria(
     robot: Robot, inputs: Inputs | None = None, *, starts: int = MOST_STARTS, solver: Shooting | None = None, device: str = "cpu"
-) -> Equilibria[Robot]:
+) -> Equilibria[Robot] | Any:  # noqa: ANN401  (``types`` says why)
     """All equilibria that Newton's method finds from many starts, the one of lowest potential energy first.
 
     Starts cover all base moments and torques that an equilibrium can have (for parallel robots, poses of the platform), in
@@ -104,27 +105,30 @@ def equilibria(
     say so. What is one of a closed curve of equilibria, such as a column that may buckle in any direction, is listed once;
     ``continuum`` says so. Mirror images, and turns by a part of a circle, are equilibria of their own.
 
+    Each instance of a batch is searched by itself, and takes as long as alone.
+
     Args:
         robot: The assembly.
-        inputs: Made by ``robot.inputs(...)``, without leading axes; none are all zero.
-        starts: Starts at most.
+        inputs: Made by ``robot.inputs(...)``; none are all zero.
+        starts: Starts at most, of each instance.
         solver: ``Shooting(max_integrations=50_000)`` by default, of which the tolerance, the iteration limit and the integrator,
-            in double precision, are used, and its ``max_integrations`` for all of the search: one from each start is counted by
-            itself.
+            in double precision, are used, and its ``max_integrations`` for all of the search of an instance: one from each start
+            is counted by itself.
         device: Warp device.
 
     Returns:
         The equilibria, shape (k,): each with ``stability``, ``index``, ``potential``, ``condition`` and all that a solution
         has, and all together ``missing``. Where loads have no potential (moments, follower loads), they are in the order of their
-        elastic energy.
+        elastic energy. Of a batch, an array of such, dtype ``object``, with the leading axes of robot and inputs: each has as
+        many as there are, and None stands where none is found.
 
     Warns:
         IncompleteWarning: If some are known to be missing, by their index or because the integrator is too coarse to solve them,
-            or the integrations that are allowed were used up.
+            or the integrations that are allowed were used up; or if none is found of some instances of a batch.
 
     Raises:
-        SolveError: If none is found.
-        TypeError, ValueError: If an argument is not what it must be, or the robot or its inputs have leading axes.
+        SolveError: If none is found, of one instance.
+        TypeError, ValueError: If an argument is not what it must be.
     """
     if not isinstance(robot, Assembly):
         raise TypeError(f"robot must be an assembly such as SingleRod(rod), not {type(robot).__name__}")
@@ -134,12 +138,20 @@ def equilibria(
     method = method.in_double()
     device = device_name("device", device)
     inputs = robot.accept(inputs)
-    batch = np.broadcast_shapes(inputs.batch_shape, robot.batch_shape)
-    if batch:
-        refuse(
-            "inputs", Described(f"leading axes {batch}"), "there must be none: ask for one at a time, robot[0] of many designs"
-        )
-    count = min(STARTS_IN_A_ROUND, positive_int("starts", starts))
+    positive_int("starts", starts)
+    if not (inputs.batch_shape or robot.batch_shape):
+        return _searched(robot, inputs, starts, method, device, "")
+
+    def search(own: Instance) -> Equilibria:
+        return _searched(own.of(robot), own.of(inputs), starts, method, device, own.said)
+
+    return of_each("equilibria", robot, (inputs,), search)
+
+
+def _searched(robot: Robot, inputs: Inputs, starts: int, method: Shooting, device: str, said: str) -> Equilibria[Robot]:
+    """Those of one instance, of which warnings say which it is."""
+    inputs = robot.accept(inputs)
+    count = min(STARTS_IN_A_ROUND, starts)
     problem = robot.problem(_repeated(inputs, count), integrator=method.integrator, device=device)
     guesses = problem.starts
     if guesses is None:
@@ -179,21 +191,21 @@ def equilibria(
         result = _listed(catalogue, robot, inputs, method, device)
     if budget.left < 0:
         warn(
-            f"the {method.max_integrations} integrations allowed were used up before the search came to its end: give a "
+            f"{said}the {method.max_integrations} integrations allowed were used up before the search came to its end: give a "
             "solver with more max_integrations",
             IncompleteWarning,
         )
     if result.missing:
         warn(
-            f"{result.missing} equilibria are missing at least, by what is unstable of those found; raise starts, or give a "
-            "solver with a tighter tolerance and integrator",
+            f"{said}{result.missing} equilibria are missing at least, by what is unstable of those found; raise starts, or give "
+            "a solver with a tighter tolerance and integrator",
             IncompleteWarning,
         )
     if catalogue.unsolved:
         count = len(catalogue.unsolved)
         warn(
-            f"{count} closed curve{'s' * (count > 1)} of equilibria, such as all turns of a buckled rod about its axis, cannot "
-            "be listed: the integrator's error is more than the tolerance there; give a tighter one, such as "
+            f"{said}{count} closed curve{'s' * (count > 1)} of equilibria, such as all turns of a buckled rod about its axis, "
+            "cannot be listed: the integrator's error is more than the tolerance there; give a tighter one, such as "
             "solver=Shooting(integrator=RK45(rtol=1e-11, atol=1e-13))",
             IncompleteWarning,
         )
