@@ -23,7 +23,7 @@ from multirod.validation import FloatArray, positive_int
 UNATTAINABLE = 1e-2  # of the rounding of the unknowns, that no gap comes below but where it is zero
 NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the end of a branch
 POLISH = 5  # iterations on the unknowns alone
-MAX_INTEGRATIONS = 2600  # some seconds; the hardest loads of docs/solvers.md take 300
+MAX_INTEGRATIONS = 2000  # two seconds; the hardest loads of docs/solvers.md take 300
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
 ROUNDED = 0.05  # of the tolerance, that rounding may leave where the tip is held, whose pose tells nothing of what holds it
 

@@ -7,7 +7,9 @@ import pytest
 
 import multirod as mr
 from multirod.budget import Budget, Spent
-from multirod.status import Fault
+from multirod.solver import Outcome
+from multirod.solvers.energy_descent import EnergyDescentTrack
+from multirod.status import Fault, Status
 
 CHECKS = 10  # integrations on top, that judge a result or tell what is left of the residual
 LIMIT = mr.Status.INTEGRATION_LIMIT
@@ -251,3 +253,25 @@ def test_an_integration_whose_steps_no_longer_lead_on_ends() -> None:
     problem.evaluate(np.array([[0, 33.19200644341869, 0, *force, 0, 2695.1995236024986]]))
     assert problem.fault.numpy() == Fault.STRAIN_LAW
     assert problem.step_count.numpy() < 1000
+
+
+def test_damped_dynamics_end_after_so_many_steps_along_the_rod():
+    robot = mr.SingleRod(mr.Rod(length=0.3, bending_stiffness=0.02, torsional_stiffness=0.015, precurvature=(4, 0, 0)))
+    method = mr.EnergyDescent(integrator=mr.RK4(50), feed_forward=False)
+    inputs = robot.inputs(tip_force=np.array([[0.4, 0, 0.2], [0.8, 0, 0]]))
+
+    def settled(most: tuple[int, int] | None) -> tuple[Outcome, np.ndarray, np.ndarray]:
+        problem = robot.problem(inputs, integrator=method.integrator, pose_sensitivities=True)
+        track = EnergyDescentTrack(method, problem, corrected=False)
+        steps = None if most is None else np.array(most)
+        outcome = track.settle(tolerance=None, max_iterations=200, ramp=1, guess=problem.guess(), most_steps=steps)
+        return outcome, problem.read("unknowns"), track.integrator_steps
+
+    free, found, _ = settled(None)
+    assert (free.status == Status.CONVERGED).all()
+    needed = int(50 * free.integrations[1])
+    outcome, unknowns, steps = settled((100, needed))
+    assert outcome.status.tolist() == [Status.INTEGRATION_LIMIT, Status.CONVERGED]
+    assert outcome.integrations.tolist() == [3, free.integrations[1]]  # the first over 100
+    assert steps.tolist() == [150, needed]
+    np.testing.assert_array_equal(unknowns[1], found[1])

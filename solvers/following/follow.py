@@ -29,6 +29,7 @@ from multirod.validation import FloatArray
 
 ENDED = (Status.BRANCH_END, Status.MAX_ITERATIONS)  # of a way: where a branch ends, or creeps
 TOGETHER = 4096  # instances on their way at once
+SETTLING_STEPS = MOST_STEPS // 4  # of the integrator for each rod, in which damped dynamics are to rest: they take half of it
 AT_ONCE = 32  # points with clamps whose numbers are kept as long as one of them is
 FINER = 16  # times as many equal steps: their error is a 65,536th
 
@@ -321,26 +322,25 @@ class _Together:
         method = EnergyDescent(integrator=RK45(), feed_forward=False)
         if method.unsupported(part):
             return dict.fromkeys(asked, (None, 0))
-        left = (self._most_steps - self._steps) // np.maximum(self._each, 1) + 1
-        share = {k: min(request.most, int(left[k])) for k, request in asked.items()}
-        most = max(share.values())
-        asked = {k: request for k, request in asked.items() if share[k] == most}  # the others come next
+        most = max(request.most for request in asked.values())
+        asked = {k: request for k, request in asked.items() if request.most == most}  # the others come next
         chosen, guess, level = np.zeros(count, dtype=bool), part.read("unknowns"), np.ones(count)
         for k, request in asked.items():
             chosen[k], guess[k], level[k] = True, request.unknowns, request.level
             self.levels[k] = request.level
+        track = EnergyDescentTrack(method, part, corrected=False)
         with self._placed(part):
-            outcome = EnergyDescentTrack(method, part, corrected=False).settle(
+            outcome = track.settle(
                 tolerance=None,
                 max_iterations=most,
                 ramp=1,
                 guess=guess,
                 level=1.0 if self.before is not None else level,
                 chosen=chosen,
+                most_steps=np.minimum(SETTLING_STEPS * len(part.blocks), self._most_steps - self._steps),
             )
         found, rest = part.read("unknowns"), ~failures(outcome.status)
-        each = np.maximum(self._each, part.buffer("step_count"))
-        self._steps[list(asked)] += (each * outcome.integrations)[list(asked)]
+        self._steps += track.integrator_steps
         return {k: (found[k] if rest[k] else None, int(outcome.integrations[k])) for k in asked}
 
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:

@@ -369,7 +369,7 @@ class SegmentedEquilibria:
         gap = np.abs(self.segments.difference(instances, fine.end, found.end)).max(axis=1)
         apart = np.abs(self.segments.difference(instances, found.end, cuts.states)).max(axis=1)
         size = 1 / scale + np.maximum.reduceat(apart, first)
-        with np.errstate(over="ignore"):  # what overflows amplifies too much, and is halved
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows amplifies too much, and is halved
             norm = np.linalg.norm(fine.transition, axis=(1, 2))
             missed = np.linalg.norm(fine.transition - found.transition, axis=(1, 2))
         most = integrator.atol / scale + integrator.rtol * size

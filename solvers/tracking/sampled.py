@@ -94,6 +94,7 @@ class SampledTrack(Track):
         guess: FloatArray | None,
         level: FloatArray | float = 1.0,
         chosen: BoolArray | None = None,
+        most_steps: IntArray | None = None,
     ) -> Outcome:
         """Take samples at fixed inputs until the residual is within ``tolerance``.
 
@@ -107,6 +108,8 @@ class SampledTrack(Track):
             guess: Unknowns to start from (instance_count, n).
             level: Part of the loads that acts in the end, of each instance (instance_count,) or of all.
             chosen: Which instances do, shape (instance_count,); all by default. The status of the others stays ``NOT_RUN``.
+            most_steps: Of the integrator, that each may take in all, shape (instance_count,): ``INTEGRATION_LIMIT`` ends what has
+                taken them. ``integrator_steps`` says how many it took.
         """
         problem, count = self.problem, self.problem.instance_count
         if guess is not None:
@@ -119,6 +122,7 @@ class SampledTrack(Track):
         active = chosen.copy()
         strayed = np.zeros(count, dtype=bool)
         before: FloatArray | None = None
+        self.integrator_steps = np.zeros(count, dtype=np.int64)
         for iteration in range(max_iterations):
             load = _level(iteration, ramp, halves)
             with problem.only(active), problem.at_load(load * level):
@@ -130,6 +134,10 @@ class SampledTrack(Track):
             ended = active & np.isin(status, [fault.status for fault in Fault])
             outcome.status[ended] = status[ended]
             outcome.status[active & (status == Status.EULER_LIMIT)] = Status.EULER_DIVERGED
+            if most_steps is not None:
+                self.integrator_steps[active] += problem.buffer("step_count")[active]
+                over = active & (outcome.status == Status.NOT_RUN) & (self.integrator_steps > most_steps)
+                outcome.status[over] = Status.INTEGRATION_LIMIT
             if guess is None:
                 gamma = problem.read("gamma").reshape(count, problem.unknown_count, -1)
                 if before is not None:
