@@ -70,8 +70,11 @@ def spring(A, B, h, a, b, T, made):
     return energy, np.concatenate([*turns, by_h[..., None], *tubes, lengths], -1)
 
 
-def differences(gradient, size):
-    """Gradients at zero (..., size) and their derivatives (..., size, size); ``gradient`` takes (points, size)."""
+def differences(gradient, size, *, slopes=True):
+    """Gradients at zero (..., size) and their derivatives (..., size, size), or zero; ``gradient`` takes (points, size)."""
+    if not slopes:
+        value = gradient(np.zeros((1, size)))[0]
+        return value, np.zeros((*value.shape, size))
     points = STEP * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
     values = gradient(points)
     slope = (values[1 : 1 + size] - values[1 + size :]) / (2 * STEP)
@@ -174,8 +177,9 @@ class Graph:
         known = np.where(self.tube_at >= 0, y[np.maximum(self.tube_at, 0)], self.kinks)
         return known[:, : self.tubes - 1], known[:, self.tubes - 1 :]
 
-    def system(self, state, *, energy=False):
-        """Gradient of the Lagrangian, gaps last (size,), and its derivative (size, size); or its value alone, without moments."""
+    def system(self, state, *, energy=False, slopes=True):
+        """Gradient of the Lagrangian, gaps last (size,), and its derivative (size, size), of rods not where ``slopes`` are not
+        asked for; or its value alone, without moments."""
         R, y = state
         g, H = np.zeros(self.size), np.zeros((self.size, self.size))
         h = self.share * np.array([self.length_of(piece, y) for piece in self.piece])
@@ -196,11 +200,11 @@ class Graph:
         if energy:
             total += gradient(np.zeros((1, size)))[0].sum()
         else:
-            local, slope = differences(lambda z: gradient(z)[1], size)
+            local, slope = differences(lambda z: gradient(z)[1], size, slopes=slopes)
             for i, part in enumerate(self.of_part):
                 self._add(g, H, local[i], slope[i], self._places(i, part))
         for part in self.parts:
-            total += part.ends_of(state, g, H, energy)
+            total += part.ends_of(state, g, H, energy, slopes)
             total += part.pulls_of(state, g, H, energy)
         for k, body in enumerate(self.bodies):
             turn, p = R[self.body_turn[k]], y[self.body_at[k]]
@@ -266,28 +270,37 @@ class Graph:
 
     def descended(self, state, rounds=8, steps=60):
         """A stable equilibrium by descent: of the energy with gaps that are stiff springs, the stiffer the longer, whose forces
-        become the multipliers; None if there is none."""
-        free, at = slice(0, self.free), slice(self.free, self.size)
-        scale, unit, held = self.scale[: self.free], self.unit, self.scale[self.free :]
-        stiff = 100.0 * (unit if len(held) else 1.0)  # of gaps in what counts as one of the work of a multiplier
-        multipliers = np.array(state[1][len(state[1]) - len(held) :])
-        weight = held**2 / unit**2  # the square of one over what counts as one of a gap
-        n = len(state[1]) - len(held)
+        become the multipliers, and lines that do not push; None if there is none."""
+        free, at, n = slice(0, self.free), slice(self.free, self.size), len(self.values) - (self.size - self.free)
+        scale, unit, held = self.scale[free], self.unit, self.scale[at]
+        gives, pulls = np.zeros(len(held)), np.zeros(len(held), dtype=bool)
+        for part in self.parts:
+            for line, place in zip(part.rod["lines"], part.tensions, strict=True):
+                if place >= 0:
+                    gives[place - n], pulls[place - n] = line["compliance"], True
+        multipliers, stiff = np.array(state[1][n:]), 100.0 * held**2 / unit
 
         def pulled(state, multipliers, stiff):
+            """With the forces of stiff springs, their energy among it, what is left of gaps, and how stiff they are."""
             y = state[1].copy()
             y[n:] = 0.0
             gaps = self.gaps((state[0], y))
-            y[n:] = multipliers + stiff * weight * gaps
+            force = multipliers + stiff * gaps
+            force[pulls] = np.maximum(force[pulls], 0.0)
+            own = force / (1 + gives * stiff)
+            stored = 0.5 * (force**2 - multipliers**2) / (stiff * (1 + gives * stiff))
+            y[n:] = own
             state = (state[0], y)
-            return state, self.system(state, energy=True) - 0.5 * stiff * np.sum(weight * gaps**2), gaps
+            value = self.system(state, energy=True) - own @ gaps + 0.5 * np.sum(gives * own**2) + np.sum(stored)
+            loose = pulls & (own <= 0)
+            return state, value, np.where(loose, 0.0, gaps - gives * own), np.where(loose, 0.0, stiff / (1 + gives * stiff))
 
         for _ in range(rounds):
-            state, value, gaps = pulled(state, multipliers, stiff)
+            state, value, gaps, own = pulled(state, multipliers, stiff)
             for _ in range(steps):
                 g, H = self.system(state)
                 J = H[at, free]
-                form = scale[:, None] * (H[free, free] + stiff * J.T @ (weight[:, None] * J)) * scale / unit
+                form = scale[:, None] * (H[free, free] + J.T @ (own[:, None] * J)) * scale / unit
                 values, modes = np.linalg.eigh(0.5 * (form + form.T))
                 slope = modes.T @ (scale * g[free]) / unit
                 if np.linalg.norm(slope) < 1e-7:
@@ -299,23 +312,44 @@ class Graph:
                     z[free] = damping * step
                     trial = self.moved(state, z)
                     if self.is_possible(trial):
-                        trial, less, gaps = pulled(trial, multipliers, stiff)
+                        trial, less, *rest = pulled(trial, multipliers, stiff)
                         if less < value - 1e-4 * damping * abs(slope @ (modes.T @ (step / scale))) * unit:
                             break
                     damping *= 0.5
                 else:
                     break
-                state, value = trial, less
-            multipliers = state[1][n:].copy()
-            if np.abs(np.sqrt(weight) * gaps).max(initial=0.0) < 1e-3:
+                state, value, (gaps, own) = trial, less, rest
+            multipliers = np.where(pulls, state[1][n:] * (1 + gives * stiff), state[1][n:])
+            if np.abs(gaps * held).max(initial=0.0) < 1e-3 * unit:
                 break
-            stiff *= 3
-        found = self.settled(state)
+            stiff = 3 * stiff
+        graph, state = self._without_loose(state)
+        found = graph.settled(state)
         return found if found is not None and found[1] == 0 else None
+
+    def _without_loose(self, state):
+        """The same where lines that hang loose have no tension."""
+        lines = [
+            [
+                {"offset": line["offset"], "tension": 0.0} if at >= 0 and state[1][at] <= 0 else line
+                for line, at in zip(part.rod["lines"], part.tensions, strict=True)
+            ]
+            for part in self.parts
+        ]
+        rods = [rod | {"lines": own} for rod, own in zip(self.rods, lines, strict=True)]
+        graph = Graph(rods, self.bodies, self.M)
+        y = np.zeros(len(graph.values))
+        n, first = len(self.values) - (self.size - self.free), len(graph.values) - (graph.size - graph.free)
+        y[:first] = state[1][:n]
+        for own, part in zip(graph.parts, self.parts, strict=True):
+            for at, there in zip([*own.forces, own.tensions], [*part.forces, part.tensions], strict=True):
+                mine, its = np.asarray(at, dtype=int), np.asarray(there, dtype=int)
+                y[mine[mine >= 0]] = state[1][its[mine >= 0]]
+        return graph, (state[0], y)
 
     def gaps(self, state):
         """What the multipliers close."""
-        return self.system(state)[0][self.free :]
+        return self.system(state, slopes=False)[0][self.free :]
 
     def refined(self, state):
         """The same network in twice as many segments, and a state of it."""
@@ -488,7 +522,7 @@ class _Part:
             return np.zeros(3), np.eye(3)
         return state[1][self.graph.body_at[b]], state[0][self.graph.body_turn[b]]
 
-    def _end_of(self, link, state, g, H, energy):
+    def _end_of(self, link, state, g, H, energy, slopes):
         """Half a segment at a joint; its energy where that is asked for."""
         (one, other, made, share, piece), graph, (R, y) = link, self.graph, state
         n, m = graph.tubes - 1, graph.lines
@@ -547,7 +581,7 @@ class _Part:
         size = sum(sizes)
         if energy:
             return float(gradient(np.zeros((1, size)), value=True)[0])
-        local, slope = differences(gradient, size)
+        local, slope = differences(gradient, size, slopes=slopes)
         places = [[(j, 1.0)] for j in graph.place_of_turn(node[0])]
         b = end["body"]
         places += [[(j, 1.0)] for j in graph.place_of_turn(graph.body_turn[b])] if b >= 0 else [[], [], []]
@@ -559,10 +593,10 @@ class _Part:
         graph._add(g, H, local, slope, places)
         return 0.0
 
-    def ends_of(self, state, g, H, energy):
+    def ends_of(self, state, g, H, energy, slopes):
         """Half segments at joints, and their springs."""
         graph, y = self.graph, state[1]
-        total = sum(self._end_of(link, state, g, H, energy) for link in self.ends)
+        total = sum(self._end_of(link, state, g, H, energy, slopes) for link in self.ends)
         for end, at in zip((self.rod["base"], self.rod["tip"], *self.rod["holes"]), self.coordinates, strict=True):
             if end is None or not len(at):
                 continue

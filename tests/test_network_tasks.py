@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from observer_scenes import three_tubes
+from scipy.spatial.transform import Rotation
 from test_cases import BUCKLED, TIGHT, robot_and_inputs
 from test_network_rods import at
 from test_parallel_rods import stored_robot
@@ -219,10 +220,8 @@ def test_a_stored_rod_in_a_network_is_a_single_rod(single_rod_case, make_pose):
     np.testing.assert_allclose(found.tip_rotation, expected.tip_rotation, rtol=0, atol=3e-11)
 
 
-def test_stored_parallel_robots_as_networks(parallel_case, make_pose):
-    """Legs are integrated alike there: at the same steps of RK4, rounding is left, and 1e-11 of the residual [1/m] over L^2."""
-    if parallel_case["difficulty"] != "standard":
-        pytest.skip("its columns grow, and rounding with them")
+def stored_network(parallel_case, make_pose):
+    """A stored robot, its inputs, the same as a network with the inputs of that, and the point on which forces act."""
     parallel, inputs = stored_robot(parallel_case, make_pose)
     names = {"tip_force": "force", "tip_moment": "moment"}
     given = {names.get(name, name): getattr(inputs, name) for name in inputs.given}
@@ -232,8 +231,34 @@ def test_stored_parallel_robots_as_networks(parallel_case, make_pose):
     turning = [rod["twist_free"] for rod in parallel_case["inputs"]["rods"]]
     joints = ["revolute" if free else "clamped" for free in turning]
     network = mr.stacked(mr.ParallelRods(legs=parallel.legs, base=parallel.geometry.base, platform=platform, joints=joints))
+    return parallel, inputs, network, given, point
+
+
+def test_stored_parallel_robots_as_networks(parallel_case, make_pose):
+    """Legs are integrated alike there: at the same steps of RK4, rounding is left, and 1e-11 of the residual [1/m] over L^2."""
+    if parallel_case["difficulty"] != "standard":
+        pytest.skip("its columns grow, and rounding with them")
+    parallel, inputs, network, given, point = stored_network(parallel_case, make_pose)
     expected = mr.solve(parallel, inputs, solver=SOLVER).raise_if_failed()
     found = mr.solve(network, network.inputs(**given), solver=SOLVER).raise_if_failed()
     place = found.tip_position - found.tip_rotation @ point
     np.testing.assert_allclose(place, expected.tip_position, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.tip_rotation, expected.tip_rotation, rtol=0, atol=1e-11)
+
+
+def test_stored_parallel_robots_turned_around_as_networks(parallel_case, make_pose):
+    """What leads six legs to the pose of a stored case, by the inverse problem, leads the network there."""
+    if len(parallel_case["inputs"]["rods"]) != 6 or parallel_case["difficulty"] != "standard":
+        pytest.skip("the pose does not tell the lengths of other than six legs, and the columns of hard cases grow")
+    parallel, inputs, network, given, point = stored_network(parallel_case, make_pose)
+    there = mr.solve(parallel, inputs, solver=SOLVER).raise_if_failed()
+    inverse = parallel.inverse()
+    loads = {name: getattr(inputs, name) for name in inputs.given if name != "translation"}
+    turn = Rotation.from_matrix(there.tip_rotation).as_rotvec()
+    asked = inverse.inputs(platform_position=there.tip_position, platform_rotation=turn, **loads)
+    pushed = inverse.translations(mr.solve(inverse, asked, solver=SOLVER).raise_if_failed())
+    # of residuals of 1e-11 by L^2, as below
+    np.testing.assert_allclose(pushed, inputs.translation, rtol=0, atol=1e-12)
+    found = mr.solve(network, network.inputs(**given | {"translation": pushed}), solver=SOLVER).raise_if_failed()
+    np.testing.assert_allclose(found.tip_position - found.tip_rotation @ point, there.tip_position, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.tip_rotation, there.tip_rotation, rtol=0, atol=1e-11)
