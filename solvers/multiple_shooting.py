@@ -13,6 +13,7 @@ from multirod.segments import Breakpoints, Cuts, Segments, placed
 from multirod.solver import Outcome, Solver, Track, knows
 from multirod.solvers.continuation.pace import ROUNDED_OFF, RUNAWAY
 from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.segments.equilibria import FAR
 from multirod.solvers.segments.loosened import Loosened
 from multirod.solvers.segments.path import Results, SegmentedPaths
 from multirod.solvers.segments.place import Place
@@ -118,6 +119,7 @@ class MultipleShooting(Solver):
         else:
             place = paths.evaluate(Cuts.of_points(last), full)
             neutral[:] = [own.neutral for own in last.values()]
+        place, _ = paths.refine(place, full, full > 0, steps_kept=True, most=FAR)
         problem.write("inputs", now)
         results = paths.each(place, neutral, SegmentedPaths.resume)
         return self._report(problem, paths, results, natural=True), results.points()

@@ -108,6 +108,18 @@ def test_a_motion_begins_at_the_states_of_its_guess(solver):
     np.testing.assert_array_equal(tracker.step().tip_position, motion.tip_position[0])
 
 
+def test_samples_whose_loads_jump_are_reached_by_states_in_steps():
+    """Half of these samples were ``STALLED``, and all took 30,000 integrations."""
+    random = np.random.default_rng(3)
+    way = random.normal(size=3)
+    times = np.abs(np.cumsum(60 * random.normal(size=40)))
+    inputs = ROBOT.inputs(tip_force=times[:, None] * UNIT * way / np.linalg.norm(way))
+    motion = mr.simulate(ROBOT, inputs, time=0.01 * np.arange(40), progress=False).raise_if_failed()
+    assert motion.integrations.mean() < 60
+    each = mr.solve(ROBOT, inputs).raise_if_failed()
+    np.testing.assert_allclose(motion.tip_position, each.tip_position, rtol=0, atol=NEAR)
+
+
 def test_a_motion_is_by_unknowns_again_where_these_do():
     """Let go and pulled again, 77 of 120 samples were ``STALLED``, each after some thousand integrations."""
     times = np.concatenate([np.linspace(600, 2, 60), np.linspace(2, 600, 60)])

@@ -22,6 +22,7 @@ from multirod.validation import FloatArray
 
 ROUNDING = 1e-11  # Newton steps no longer than this, relative to the unknowns, are rounding
 GROWTH = 100.0  # most by which a segment may amplify a variation
+FAR = 5.0  # the same where loads change at once: beyond some 25 what they change by is no start any more
 FEWEST_STEPS = 4  # of a segment
 MOST_STEPS = 128
 MOST_SEGMENTS = 20_000
@@ -296,9 +297,15 @@ class SegmentedEquilibria:
     # ---- breakpoints ----
 
     def refine(
-        self, place: Place, level: FloatArray, checked: BoolArray | None = None, *, steps_kept: bool = False
+        self,
+        place: Place,
+        level: FloatArray,
+        checked: BoolArray | None = None,
+        *,
+        steps_kept: bool = False,
+        most: float = GROWTH,
     ) -> tuple[Place, BoolArray]:
-        """Shorten the steps until they are short enough, then halve segments that amplify too much, until none does.
+        """Shorten the steps until they are short enough, then halve segments that amplify by more than ``most``, until none does.
 
         The steps of instances that are ``checked``, (count,), are left while their segments are, and with ``steps_kept`` after
         that too. Returns the new place, and which instances have changed.
@@ -314,7 +321,7 @@ class SegmentedEquilibria:
             if (open_ := ~checked[on]).any():
                 coarse[open_[owner]] = self._coarse(here.chosen(open_), level[on][open_])
             finer = np.logical_or.reduceat(coarse, cuts.first[:-1])
-            long = (self.segments.growth(cuts, here.found) > GROWTH) | (cuts.steps > MOST_STEPS)
+            long = (self.segments.growth(cuts, here.found) > most) | (cuts.steps > MOST_STEPS)
             long &= ~finer[owner] & (self._fault[mine] == 0)[owner]
             crowded = np.logical_or.reduceat(long, cuts.first[:-1]) & (cuts.counts > MOST_SEGMENTS)
             self._fault[mine[crowded]] = int(Fault.STEP_LIMIT)

@@ -1,6 +1,5 @@
 """Samples of a motion that begin at the last one's states at breakpoints, where unknowns alone lead nowhere: along, soft rods."""
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +8,7 @@ from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, placed, taken
 from multirod.solver import Outcome
+from multirod.solvers.continuation.paths import GROWTH, SAFE_LOAD
 from multirod.solvers.following.onward import in_segments
 from multirod.solvers.multiple_shooting import NOISY, MultipleShooting
 from multirod.status import NOT_RUN, BoolArray, failures
@@ -17,9 +17,14 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.solvers.shooting import Shooting
 
-_FoundBy = Callable[[MultipleShooting, BoundaryProblem, IntArray, IntArray], tuple[Outcome, dict[int, Breakpoints]]]
+ATTEMPT = 40  # integrations that a step may take: it takes 10 to 20, or fails
+HALVINGS = 8  # of a step of the inputs
 
-ATTEMPT = 40  # integrations that this may take: it takes 10 to 20, or fails
+
+def unsafe(problem: BoundaryProblem, change: FloatArray) -> BoolArray:
+    """Whether loads have changed by so much, (instance_count,), to what they are that modes may have vanished in pairs."""
+    nothing = np.zeros_like(problem.read("inputs"))
+    return np.asarray(change > np.maximum(SAFE_LOAD, GROWTH * problem.load_change(nothing)))
 
 
 class LastStates:
@@ -59,19 +64,20 @@ class LastStates:
             known = {k: own for k, own in known.items() if not lost[k] and (sensitive[k] or k in outcome.breakpoints)}
         self._points, self._now, self._inputs = known, {}, inputs
 
-    def resume(self, changed: Callable[[FloatArray], BoolArray | None], unknowns: FloatArray) -> tuple[Outcome, BoolArray]:
-        """The next sample of all that are known so, but those whose loads have ``changed`` too much since some inputs, in the
-        problem's buffers; and which were found, (instance_count,): what is led off its branch is not. A first sample is that of
-        the guess, whose ``unknowns`` (instance_count, n) these are."""
-        if self._guess:
-            points, self._guess = self._guess, {}
-            return self._from(
-                np.array(sorted(points)),
-                lambda method, part, places, allowed: method.resume(part, unknowns[places], taken(points, places), allowed),
-            )
-        far = changed(self._inputs) if self._points else None
-        places = np.array([k for k in self._points if far is None or not far[k]], dtype=int)
-        return self._on(places, taken(self._points, places), self._inputs)
+    def resume(self, unknowns: FloatArray) -> tuple[Outcome, BoolArray]:
+        """The next sample of all that are known so, in the problem's buffers, and which were found, (instance_count,): what is
+        led off its branch is not. A first sample is that of the guess, whose ``unknowns`` (instance_count, n) these are."""
+        if not self._guess:
+            places = np.array(list(self._points), dtype=int)
+            return self._on(places, taken(self._points, places), self._inputs)
+        guess, self._guess = self._guess, {}
+        outcome, found = self._none()
+        if (method := self._method()) is not None:
+            places = np.array(sorted(guess))
+            part, left = self._part(places), np.full(len(places), min(self._options.max_integrations, ATTEMPT))
+            mine, points = method.resume(part, unknowns[places], taken(guess, places), left)
+            self._take(places, part, mine, points, outcome, found)
+        return outcome, found
 
     def rescue(self, lost: BoolArray, unknowns: FloatArray, before: FloatArray) -> tuple[Outcome, BoolArray]:
         """The same of some that are ``lost``, from the last sample's ``unknowns`` (instance_count, n), found at the inputs
@@ -80,23 +86,77 @@ class LastStates:
         return self._on(places, unknowns[places], before)
 
     def _on(self, places: IntArray, last: FloatArray | dict[int, Breakpoints], before: FloatArray) -> tuple[Outcome, BoolArray]:
-        """Some, on their branches from where they were ``last``, at the inputs ``before``."""
-        return self._from(places, lambda method, part, places, allowed: method.resume_branch(part, last, before[places], allowed))
-
-    def _from(self, places: IntArray, found_by: _FoundBy) -> tuple[Outcome, BoolArray]:
-        problem = self._problem
-        outcome, found = Outcome.zeros(problem.instance_count), np.zeros(problem.instance_count, dtype=bool)
-        method = in_segments(self._options)
-        if not len(places) or problem.parts is None or method.unsupported(problem):
+        """Some, on their branches from where they were ``last``, at the inputs ``before``, by steps of the inputs in which no two
+        modes vanish."""
+        problem, method = self._problem, self._method()
+        outcome, found = self._none()
+        if not len(places) or method is None:
             return outcome, found
-        part = problem.parts.of(places, double=True)
-        allowed = np.full(len(places), min(self._options.max_integrations, ATTEMPT))
-        mine, points = found_by(method, part, places, allowed)
-        good = np.flatnonzero(~failures(mine.status) & (mine.status != NOT_RUN))
-        problem.keep(part, places[good], good)
-        outcome.status[places], outcome.iterations[places] = mine.status, mine.iterations
-        outcome.integrations[places] = mine.integrations
-        outcome.breakpoints = placed(taken(mine.breakpoints, good), places[good])
+        now, here = problem.read("inputs"), before
+        try:
+            while len(places):
+                share = self._share(here, now)
+                ahead = np.where(share[:, None] < 1, here + share[:, None] * (now - here), now)
+                problem.write("inputs", ahead)
+                part = self._part(places)
+                left = np.minimum(self._options.max_integrations - outcome.integrations[places], ATTEMPT)
+                mine, points = method.resume_branch(part, last, here[places], left)
+                there = share[places] == 1
+                self._take(places, part, mine, points, outcome, found, there)
+                goes_on = np.flatnonzero(~there & _good(mine))
+                places, last, here = places[goes_on], taken(points, goes_on), ahead
+        finally:
+            problem.write("inputs", now)
+        return outcome, found
+
+    def _share(self, here: FloatArray, now: FloatArray) -> FloatArray:
+        """How much of the way between two inputs (instance_count, k) is one step, shape (instance_count,)."""
+        problem, share = self._problem, np.ones(len(now))
+        problem.write("inputs", now)
+        change = problem.load_change(here)
+        for _ in range(HALVINGS):
+            far = unsafe(problem, share * change)
+            if not far.any():
+                break
+            share[far] *= 0.5
+            problem.write("inputs", here + share[:, None] * (now - here))
+        return share
+
+    def _method(self) -> MultipleShooting | None:
+        """By segments; None where the problem has none."""
+        method = in_segments(self._options)
+        return None if self._problem.parts is None or method.unsupported(self._problem) else method
+
+    def _part(self, places: IntArray) -> BoundaryProblem:
+        """Some instances, as they are now, in double precision."""
+        assert self._problem.parts is not None  # or there is no method
+        return self._problem.parts.of(places, double=True)
+
+    def _none(self) -> tuple[Outcome, BoolArray]:
+        """Nothing done, and nothing found."""
+        return Outcome.zeros(self._problem.instance_count), np.zeros(self._problem.instance_count, dtype=bool)
+
+    def _take(
+        self,
+        places: IntArray,
+        part: BoundaryProblem,
+        mine: Outcome,
+        points: dict[int, Breakpoints],
+        outcome: Outcome,
+        found: BoolArray,
+        there: BoolArray | None = None,
+    ) -> None:
+        """Take over what a part of the problem found of the instances at ``places``, where it is ``there``."""
+        good = np.flatnonzero(_good(mine) if there is None else _good(mine) & there)
+        self._problem.keep(part, places[good], good)
+        outcome.status[places] = mine.status
+        outcome.iterations[places] += mine.iterations
+        outcome.integrations[places] += mine.integrations
+        outcome.breakpoints |= placed(taken(mine.breakpoints, good), places[good])
         self._now |= placed(taken(points, good), places[good])
         found[places[good]] = True
-        return outcome, found
+
+
+def _good(outcome: Outcome) -> BoolArray:
+    """Which instances were found, and on their branches."""
+    return np.asarray(~failures(outcome.status) & (outcome.status != NOT_RUN))

@@ -18,7 +18,7 @@ from multirod.solvers.newton.newton_kernels import FORGOTTEN, Sample
 from multirod.solvers.starting.cold_start import ColdStart
 from multirod.solvers.starting.letting_out import let_out, loosened
 from multirod.solvers.tracking.bends import SAME, bent, ended
-from multirod.solvers.tracking.by_states import LastStates
+from multirod.solvers.tracking.by_states import LastStates, unsafe
 from multirod.solvers.tracking.kinks import passed_kinks
 from multirod.stability import modes_of
 from multirod.status import BoolArray, Status, failures
@@ -159,7 +159,7 @@ class NewtonTrack(Track):
     def _begun(self) -> tuple[Outcome, BoolArray]:
         """The sample of what was found by its states, from these, and without a guess of what has no unknowns to begin with; and
         of which that is all that can be done, shape (instance_count,)."""
-        outcome, found = self._states.resume(self._changed, self.last)
+        outcome, found = self._states.resume(self.last)
         new = ~self.known & ~found
         if new.any():
             again = ColdStart(self.options, self.problem, self.newton, new).run()
@@ -200,7 +200,7 @@ class NewtonTrack(Track):
         """What may have left its branch, of those that Newton's method was ``going`` with, is solved again, and the sample is
         kept."""
         problem, newton = self.problem, self.newton
-        far = self._far()
+        far, turned = self._far()
         fresh, edge = bool(self.fresh.any()), self.edge.copy()
         if self.inputs is not None and (newton.doubtful() or first is not None or far is not None or fresh or edge.any()):
             doubtful = ((outcome.status != _CONVERGED) | newton.strayed()) & going
@@ -212,7 +212,7 @@ class NewtonTrack(Track):
             beyond = doubtful & problem.out_of_reach()  # where no way leads
             outcome.status[beyond] = Status.OUT_OF_REACH
             doubtful &= ~beyond
-            doubtful &= ~self._by_states(doubtful if far is None else doubtful & ~far, outcome, self.inputs)
+            doubtful &= ~self._by_states(doubtful if turned is None else doubtful & ~turned, outcome, self.inputs)
             if doubtful.any():
                 self._continue(doubtful, outcome, self.inputs)
             if own is not None:
@@ -237,22 +237,21 @@ class NewtonTrack(Track):
         outcome.breakpoints |= again.breakpoints
         return found
 
-    def _far(self) -> BoolArray | None:
-        """Which instances were turned too far for one step since the last good sample, or loaded otherwise; None if none was."""
-        far = self._changed(self.inputs)
-        if self.inputs is None or not self.problem.may_jump:
-            return far
-        turned = self.problem.turning(self.inputs) > TURN
-        every = turned if far is None else turned | far
-        return every if every.any() else None
+    def _far(self) -> tuple[BoolArray | None, BoolArray | None]:
+        """Which instances were turned too far for one step since the last good sample, or loaded otherwise, and which turned;
+        None if none was."""
+        changed = self._changed(self.inputs)
+        if self.inputs is None or not self.problem.may_jump or not (turned := self.problem.turning(self.inputs) > TURN).any():
+            return changed, None
+        return turned if changed is None else turned | changed, turned
 
     def _changed(self, before: FloatArray | None) -> BoolArray | None:
         """Of which instances loads differ from those of inputs ``before`` by so much that modes may have vanished in pairs; None
         if of none."""
         if before is None or not (change := self.problem.load_change(before)).max(initial=0.0) > SAFE_LOAD:
             return None
-        changed = change > np.maximum(SAFE_LOAD, GROWTH * self.problem.load_change(np.zeros_like(before)))
-        return np.asarray(changed) if changed.any() else None
+        changed = unsafe(self.problem, change)
+        return changed if changed.any() else None
 
     def _weights(self) -> FloatArray:
         """How large a load is one of each input, by which ``load_change`` is no more than (instance_count, input_count)."""
