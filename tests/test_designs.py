@@ -115,5 +115,3 @@ def test_errors():
         legs[0][0]
     with pytest.raises(TypeError, match="no leading axes to go along"):
         list(legs[0])
-    with pytest.raises(ValueError, match=re.escape("ask for one at a time, robot[0]")):
-        mr.critical_loads(legs, legs.inputs(tip_force=(0, 0, -5)))
