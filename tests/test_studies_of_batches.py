@@ -81,3 +81,23 @@ def test_a_batch_of_none_is_empty_and_one_without_axes_is_as_it_was() -> None:
     assert mr.equilibria(robot, robot.inputs(rotation=np.zeros(0))).shape == (0,)
     assert mr.critical_loads(robot, robot.inputs(tip_force=np.zeros((0, 3)))).shape == (0,)
     assert isinstance(mr.equilibria(robot), mr.Solution)
+
+
+def test_where_nothing_is_raised_the_others_are_found() -> None:
+    robot = mr.SingleRod(COLUMN)
+    with pytest.warns(mr.IncompleteWarning, match="1 of 3 .* instance 1: nothing is raised"):
+        found = mr.critical_loads(robot, robot.inputs(tip_force=[(0, 0, -1), (0, 0, 0), (0, 0, -2)]))
+    assert found[1] is None
+    np.testing.assert_allclose([found[0][0].load_factor, 2 * found[2][0].load_factor], EULER, rtol=1e-6)
+
+
+def test_what_does_not_fit_the_batch_is_refused_at_once() -> None:
+    robot = mr.SingleRod(COLUMN)
+    inputs = robot.inputs(tip_force=[(0, 0, -1), (0, 0, -2), (0, 0, -3)])
+    for count in (2, 5):
+        many = mr.solve(robot, robot.inputs(tip_force=np.zeros((count, 3))))
+        for guess in (many, many.unknowns):
+            with pytest.raises(ValueError, match=rf"guess = leading axes \({count},\) .* those of robot and inputs, \(3,\)"):
+                mr.critical_loads(robot, inputs, guess=guess)
+    with pytest.raises(ValueError, match=r"start = leading axes \(2,\) .* those of robot and inputs, \(3,\)"):
+        mr.critical_loads(robot, inputs, start=robot.inputs(tip_force=np.zeros((2, 3))))

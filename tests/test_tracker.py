@@ -355,6 +355,17 @@ def test_columns_of_the_tracker_belong_to_their_own_sample(wire: mr.Rod) -> None
     np.testing.assert_allclose(first.jacobian("rotation"), known, rtol=0, atol=1e-9)
 
 
+def test_samples_of_designs_in_another_order_tell_of_their_own() -> None:
+    """As many as the loop has, they were told by its designs in its order."""
+    robot = mr.SingleRod(
+        mr.Rod(length=np.array([0.3, 0.5]), bending_stiffness=0.2, torsional_stiffness=0.1, precurvature=(4, 5, 0))
+    )
+    sample = mr.Tracker(robot, inputs=robot.inputs(tip_force=(1.0, 0, 0))).step()
+    columns = sample.jacobian("tip_force")
+    for order in ([1, 0], [1, 1], slice(None, None, -1)):
+        np.testing.assert_allclose(sample[order].jacobian("tip_force"), columns[order], rtol=0, atol=1e-9)
+
+
 ASKED = ("rotation", "translation", "tip_force", "precurvature")
 
 

@@ -96,6 +96,8 @@ def told_by_loop(solution: "Solution[Any]", names: Sequence[object]) -> FloatArr
     known = tuple(name for name in names if isinstance(name, str))
     if telling is None or not known or len(known) < len(names) or solution._outcome.breakpoints:
         return None
+    if solution._instances is not None:  # some of the loop's, or in another order: the problem is of all, in theirs
+        return None
     unknowns, inputs = solution._records[:, fields["unknowns"]], solution._records[:, fields["inputs"]]
     if solution._failed.any():
         unknowns = np.where(solution._failed[:, None], 0.0, unknowns)

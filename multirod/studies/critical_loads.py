@@ -20,7 +20,7 @@ from multirod.solvers.segments import equations_of
 from multirod.solvers.shooting import Shooting
 from multirod.stability import Stability
 from multirod.status import Status, failures
-from multirod.studies.each import Instance, of_each
+from multirod.studies.each import Instance, leading_axes, of_each
 from multirod.types import Numbers
 from multirod.validation import LARGEST, Described, FloatArray, device_name, frozen, number, positive_float, positive_int, refuse
 from multirod.warning import warn
@@ -148,7 +148,8 @@ def critical_loads(
     Returns:
         Those found, in the order of the branch: fewer than ``count`` if ``up_to`` comes first. It is a tuple that also says how
         far the branch was searched (``reached``) and where something may be missing (``undecided``). Of a batch, an array of
-        such, dtype ``object``, with the leading axes of robot and inputs together: None stands where a ``SolveError`` would be.
+        such, dtype ``object``, with the leading axes of robot and inputs together: None stands where a ``SolveError`` would be,
+        or nothing is raised.
 
     Warns:
         IncompleteWarning: If two changes of stability in a row, which cancel, may be missing, or all integrations allowed
@@ -177,9 +178,12 @@ def critical_loads(
         return search.along(robot, inputs, begin, guess, "")
 
     def along_one(own: Instance) -> CriticalLoads:
-        return search.along(own.of(robot), own.of(inputs), own.of(begin), own.guess(guess), own.said)
+        to, at = own.of(inputs), own.of(begin)
+        if not inputs.profiles and all(np.array_equal(getattr(to, name), getattr(at, name)) for name in (*to.given, *at.given)):
+            raise SolveError(_nothing_raised(to))
+        return search.along(own.of(robot), to, at, own.guess(guess), own.said)
 
-    return of_each("critical loads", robot, (inputs, begin), along_one)
+    return of_each("critical loads", leading_axes(robot, inputs, begin, guess), along_one)
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly
+from multirod.batch import broadcast_shapes
 from multirod.inputs import Inputs
 from multirod.results.solution import IncompleteWarning, Solution, SolveError
 from multirod.types import Numbers
+from multirod.validation import Described, refuse
 from multirod.warning import warn
 
 
@@ -41,10 +43,31 @@ class Instance:
         return values[self.own(values.shape[:-1])] if 1 < values.ndim <= 1 + len(self._place) else given
 
 
-def of_each(what: str, robot: Assembly, others: tuple[Inputs, ...], study: Callable[[Instance], object]) -> NDArray[np.object_]:
-    """What ``study`` finds of each instance of a robot and its inputs, an array with their leading axes; None where it raises
-    ``SolveError``, which a warning says."""
-    result = np.empty(np.broadcast_shapes(robot.batch_shape, *(given.batch_shape for given in others)), dtype=object)
+def leading_axes(robot: Assembly, inputs: Inputs, start: Inputs, guess: Solution[Any] | Numbers | None) -> tuple[int, ...]:
+    """Those of a robot, its inputs and what they begin at.
+
+    Raises:
+        ValueError: If they do not broadcast, or those of a guess to them.
+    """
+    whole = broadcast_shapes(robot.batch_shape, inputs.batch_shape)
+    shapes = {"start": start.batch_shape}
+    if guess is not None:
+        shapes["guess"] = guess.batch_shape if isinstance(guess, Solution) else np.asarray(guess).shape[:-1]
+    for name, own in shapes.items():
+        try:
+            together = broadcast_shapes(whole, own)
+        except ValueError:
+            together = None
+        if together is None or (name == "guess" and together != whole):
+            refuse(name, Described(f"leading axes {own}"), f"must broadcast to those of robot and inputs, {whole}")
+        whole = together
+    return whole
+
+
+def of_each(what: str, batch_shape: tuple[int, ...], study: Callable[[Instance], object]) -> NDArray[np.object_]:
+    """What ``study`` finds of each instance of a batch, an array with its leading axes; None where it raises ``SolveError``, as a
+    warning says."""
+    result = np.empty(batch_shape, dtype=object)
     lost: list[str] = []
     for place in np.ndindex(result.shape):
         instance = Instance(place)

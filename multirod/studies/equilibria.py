@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.assembly import Assembly, Robot, Robot_co
+from multirod.batch import broadcast_shapes
 from multirod.budget import SEARCHED, Budget, Spent
 from multirod.inputs import Inputs
 from multirod.naming import names_checked
@@ -145,7 +146,7 @@ def equilibria(
     def search(own: Instance) -> Equilibria:
         return _searched(own.of(robot), own.of(inputs), starts, method, device, own.said)
 
-    return of_each("equilibria", robot, (inputs,), search)
+    return of_each("equilibria", broadcast_shapes(robot.batch_shape, inputs.batch_shape), search)
 
 
 def _searched(robot: Robot, inputs: Inputs, starts: int, method: Shooting, device: str, said: str) -> Equilibria[Robot]:
