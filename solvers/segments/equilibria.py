@@ -303,14 +303,15 @@ class SegmentedEquilibria:
         checked: BoolArray | None = None,
         *,
         steps_kept: bool = False,
-        most: float = GROWTH,
+        most: float | None = None,
     ) -> tuple[Place, BoolArray]:
-        """Shorten the steps until they are short enough, then halve segments that amplify by more than ``most``, until none does.
+        """Shorten the steps until they are short enough, then halve segments that amplify by more than ``most``, ``GROWTH`` by
+        default, until none does.
 
         The steps of instances that are ``checked``, (count,), are left while their segments are, and with ``steps_kept`` after
         that too. Returns the new place, and which instances have changed.
         """
-        count = len(place.cuts.instances)
+        count, most = len(place.cuts.instances), GROWTH if most is None else most
         checked = np.zeros(count, dtype=bool) if checked is None else checked
         on, changed = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
         while True:
