@@ -11,7 +11,7 @@ on the Lagrangian, minima by descent.
 from itertools import pairwise
 
 import numpy as np
-from network_energy import AXIS, STEP, exp, hat, log, right_inverse
+from network_energy import AXIS, STEP, damped_newton, exp, hat, log, right_inverse
 
 
 def of(M, v):
@@ -237,32 +237,8 @@ class Graph:
         np.add.at(H, np.ix_(at, at), factor[:, None] * slope[np.ix_(which, which)] * factor)
 
     def settled(self, state, steps=80, tolerance=1e-9):
-        """An equilibrium near a state by Newton's method, damped; None if there is none. And its unstable modes, and how far
-        the next is."""
-        scale = self.scale
-        g, H = self.system(state)
-        for _ in range(steps):
-            size = np.linalg.norm(g * scale)
-            if size < tolerance * self.unit:
-                form = scale[:, None] * (H + H.T) / 2 * scale / self.unit
-                values = np.linalg.eigvalsh(form)
-                return state, int((values < 0).sum()) - (self.size - self.free), float(np.abs(values).min())
-            try:
-                step = -scale * np.linalg.solve(scale[:, None] * H * scale, scale * g)
-            except np.linalg.LinAlgError:
-                return None
-            damping = min(1.0, 0.5 / max(np.abs(step / scale)[: self.free].max(), 1e-300))
-            while True:
-                trial = self.moved(state, damping * step)
-                if self.is_possible(trial):
-                    g_new, H_new = self.system(trial)
-                    if np.linalg.norm(g_new * scale) < (1 - 1e-3 * damping) * size:
-                        break
-                damping *= 0.5
-                if damping < 1e-4:
-                    return None
-            state, g, H = trial, g_new, H_new
-        return None
+        """An equilibrium near a state, as ``damped_newton`` says."""
+        return damped_newton(self, state, self.scale, self.unit, steps, tolerance)
 
     def is_possible(self, state):
         """Whether all pieces have a length."""

@@ -65,6 +65,33 @@ def turned(count, axes, angles):
     return first @ second, np.stack([second.T @ axes[0], *axes[1:count]], axis=1)
 
 
+def damped_newton(model, state, scale, unit, steps, tolerance):
+    """An equilibrium of a model near a state by Newton's method, damped; None if there is none. And its unstable modes, and how
+    far the next is. What counts as one in each variable is ``scale``, in the energy ``unit``."""
+    g, H = model.system(state)
+    for _ in range(steps):
+        size = np.linalg.norm(g * scale)
+        if size < tolerance * unit:
+            values = np.linalg.eigvalsh(scale[:, None] * (H + H.T) / 2 * scale / unit)
+            return state, int((values < 0).sum()) - (model.size - model.free), float(np.abs(values).min())
+        try:
+            step = -scale * np.linalg.solve(scale[:, None] * H * scale, scale * g)
+        except np.linalg.LinAlgError:
+            return None
+        damping = min(1.0, 0.5 / max(np.abs(step / scale)[: model.free].max(), 1e-300))
+        while True:
+            trial = model.moved(state, damping * step)
+            if model.is_possible(trial):
+                g_new, H_new = model.system(trial)
+                if np.linalg.norm(g_new * scale) < (1 - 1e-3 * damping) * size:
+                    break
+            damping *= 0.5
+            if damping < 1e-4:
+                return None
+        state, g, H = trial, g_new, H_new
+    return None
+
+
 class Rods:
     """A network in numbers, as a benchmark draws it.
 
@@ -194,31 +221,12 @@ class Rods:
         return scale, stiffness / length
 
     def settled(self, state, steps=60, tolerance=1e-9):
-        """An equilibrium near a state by Newton's method, damped; None if there is none. And its unstable modes."""
-        scale, energy = self.scales()
-        g, H = self.system(state)
-        for _ in range(steps):
-            size = np.linalg.norm(g * scale)
-            if size < tolerance * energy:
-                form = scale[:, None] * (H + H.T) / 2 * scale / energy
-                values = np.linalg.eigvalsh(form)
-                return state, int((values < 0).sum()) - (self.size - self.free), float(np.abs(values).min())
-            try:
-                step = -scale * np.linalg.solve(scale[:, None] * H * scale, scale * g)
-            except np.linalg.LinAlgError:
-                return None
-            turns = np.abs(step / scale)[: self.free]
-            damping = min(1.0, 0.5 / max(turns.max(), 1e-300))
-            while True:
-                trial = self.moved(state, damping * step)
-                g_new, H_new = self.system(trial)
-                if np.linalg.norm(g_new * scale) < (1 - 1e-3 * damping) * size:
-                    break
-                damping *= 0.5
-                if damping < 1e-4:
-                    return None
-            state, g, H = trial, g_new, H_new
-        return None
+        """An equilibrium near a state, as ``damped_newton`` says."""
+        return damped_newton(self, state, *self.scales(), steps, tolerance)
+
+    def is_possible(self, state):
+        """All are."""
+        return True
 
     def energy(self, state):
         """Of the Lagrangian [J]; moments have none and are left out."""

@@ -3,7 +3,7 @@
 
 import warp as wp
 
-from multirod.kernels.linear_algebra_kernels import eliminate
+from multirod.kernels.linear_algebra_kernels import add_row, copy_row, eliminate
 from multirod.kernels.own_module import own_module
 
 f64 = wp.float64
@@ -29,15 +29,12 @@ def eliminate_unknowns(
     """
     t = wp.tid()
     n = gamma.shape[1]
+    count = left.shape[2]
     for i in range(n):
-        for j in range(n):
-            system[t, i, j] = gamma[t, i, j]
-        for j in range(left.shape[2]):
-            sides[t, i, j] = slopes[t, i, j]
+        copy_row(system, gamma, t, i, 0, i, 0, n)
+        copy_row(sides, slopes, t, i, 0, i, 0, count)
     eliminate(system, sides, t)
     for i in range(6):
-        for j in range(left.shape[2]):
-            left[t, i, j] = columns[t, i, n + j]
-        for l in range(n):
-            for j in range(left.shape[2]):
-                left[t, i, j] -= columns[t, i, l] * sides[t, l, j]
+        copy_row(left, columns, t, i, 0, i, n, count)
+        for j in range(n):
+            add_row(left, sides, t, i, 0, j, 0, count, -columns[t, i, j])

@@ -175,13 +175,17 @@ def critical_loads(
         refuse("start", Described(f"functions of arclength for {', '.join(begin.profiles)}"), "give numbers")
     search = _Search(count, up_to, max_steps, solver, device)
     if not (robot.batch_shape or inputs.batch_shape or begin.batch_shape):
-        return search.along(robot, inputs, begin, guess, "")
+        try:
+            return search.along(robot, inputs, begin, guess, "")
+        except NothingRaised as error:
+            why = str(error)
+        refuse("inputs", inputs, why)
 
     def along_one(own: Instance) -> CriticalLoads:
-        to, at = own.of(inputs), own.of(begin)
-        if not inputs.profiles and all(np.array_equal(getattr(to, name), getattr(at, name)) for name in (*to.given, *at.given)):
-            raise SolveError(_nothing_raised(to))
-        return search.along(own.of(robot), to, at, own.guess(guess), own.said)
+        try:
+            return search.along(own.of(robot), own.of(inputs), own.of(begin), own.guess(guess), own.said)
+        except NothingRaised as error:
+            raise SolveError(str(error)) from None
 
     return of_each("critical loads", leading_axes(robot, inputs, begin, guess), along_one)
 
@@ -309,6 +313,10 @@ def _critical(
     return CriticalLoad(factor, change.fold, change.before, change.after, branch.mode(change.point), there)
 
 
+class NothingRaised(ValueError):
+    """Inputs are those at the start; what is missing."""
+
+
 def natural_start(
     robot: Assembly,
     begin: Inputs,
@@ -324,7 +332,7 @@ def natural_start(
 
     Raises:
         SolveError: If there is no equilibrium at ``begin``.
-        ValueError: If nothing changes on the way.
+        NothingRaised: If nothing changes on the way.
     """
     enabled = [name for name in begin.given if begin.is_active(name)]
     problem = robot.problem(inputs, integrator=method.integrator, device=device, direction_count=1, enabled=enabled)
@@ -332,7 +340,7 @@ def natural_start(
     if inputs.profiles:
         first[-1] = 0.0  # what multiplies functions of arclength
     if (first == last).all():
-        refuse("inputs", inputs, _nothing_raised(inputs))
+        raise NothingRaised(_nothing_raised(inputs))
     problem.write("inputs", first)
     outcome = within(method, budget).solve(problem, unknowns_of_guess(guess, problem, 1, slice(None)))
     if failures(outcome.status)[0]:

@@ -244,9 +244,8 @@ class SegmentedPaths(SegmentedEquilibria):
         cuts = self.start(unknowns)
         if known.any():
             own = Cuts.of_points({k: replace(points[k], unknowns=unknowns[k]) for k in np.flatnonzero(known).tolist()})
-            cuts = cuts.put(
-                known, replace(own, instances=self.instances[known]).over(self.segments.length(self.instances[known]))
-            )
+            own = replace(own, instances=self.instances[known])
+            cuts = cuts.put(known, own.over(self.segments.length(own.instances)))
         place = self.evaluate(cuts, full)
         if not known.all():
             fine, _ = self.refine(place.chosen(~known), full[~known])
@@ -268,14 +267,12 @@ class SegmentedPaths(SegmentedEquilibria):
 
     def each(self, place: Place, neutral: IntArray, led: Callable[[Self, Place], Results]) -> Results:
         """What instances are ``led`` to from places near equilibria, of each of which so many modes are neutral, (count,)."""
-        count, everyone = len(neutral), self.instances
+        count = len(neutral)
         results = Results(np.full(count, int(Status.NOT_RUN)), place, np.full(count, np.nan), np.ones(count), neutral)
         for modes in np.unique(neutral).tolist():
             some = neutral == modes
-            here, own = (
-                place.chosen(some),
-                self.of(everyone[some], self.tolerance[some], (self.allowed - self.integrations)[some]),
-            )
+            here = place.chosen(some)
+            own = self.of(self.instances[some], self.tolerance[some], (self.allowed - self.integrations)[some])
             own.leave_neutral(here, modes)
             results.put(some, led(own, here))
             self.integrations[some] += own.integrations

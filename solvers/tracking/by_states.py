@@ -57,10 +57,10 @@ class LastStates:
         """Those of a sample at ``inputs`` (instance_count, k) that its unknowns cannot be followed from."""
         self._turns[list(outcome.turning)] = True
         known = outcome.breakpoints | self._now
-        lost = failures(outcome.status)
         if known or self._turns.any():
             size = np.linalg.norm(self._problem.read("gamma"), axis=1)
             sensitive, self.turning = size > NOISY, self._turns & ~(size <= NOISY)
+            lost = failures(outcome.status)
             known = {k: own for k, own in known.items() if not lost[k] and (sensitive[k] or k in outcome.breakpoints)}
         self._points, self._now, self._inputs = known, {}, inputs
 
@@ -88,9 +88,9 @@ class LastStates:
     def _on(self, places: IntArray, last: FloatArray | dict[int, Breakpoints], before: FloatArray) -> tuple[Outcome, BoolArray]:
         """Some, on their branches from where they were ``last``, at the inputs ``before``, by steps of the inputs in which no two
         modes vanish."""
-        problem, method = self._problem, self._method()
+        problem = self._problem
         outcome, found = self._none()
-        if not len(places) or method is None:
+        if not len(places) or (method := self._method()) is None:
             return outcome, found
         now, here = problem.read("inputs"), before
         try:

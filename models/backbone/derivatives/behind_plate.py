@@ -8,7 +8,14 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.launch import record
-from multirod.models.backbone.derivatives.behind_plate_kernels import BehindPlateArrays, turn_behind_plate
+from multirod.models.backbone.derivatives.behind_plate_kernels import (
+    ALONE,
+    NOTHING,
+    OWN,
+    SUM,
+    BehindPlateArrays,
+    turn_behind_plate,
+)
 from multirod.models.backbone.units import unit_stiffness
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
@@ -16,8 +23,6 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.backbone.derivatives.designs import Designs
     from multirod.models.backbone.problem import BackboneProblem
-
-NOTHING, OWN, SUM, ALONE = range(4)  # ``BehindPlateArrays.torsion``
 
 
 class BehindPlate:

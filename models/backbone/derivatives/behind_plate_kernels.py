@@ -6,6 +6,7 @@ import warp as wp
 from multirod.kernels.own_module import own_module
 
 f64 = wp.float64
+NOTHING, OWN, SUM, ALONE = range(4)  # what is known of the first rod's torque that is not among ``torques``
 
 
 @wp.struct
@@ -23,20 +24,20 @@ class BehindPlateArrays:
     translation: int
     torques: int  # in a row of unknowns
     first: int  # rod whose torque is the first of these
-    torsion: int  # what else is known of the first rod's: 0 nothing, 1 its own unknown, 2 the torques' sum is zero, 3 it is alone
+    torsion: int  # what else is known of the first rod's: nothing, its own unknown, that the torques add to zero, or it is alone
 
 
 @wp.func
 def base_torque(s: BehindPlateArrays, unknowns: wp.array2d[wp.float64], t: int, b: int, i: int) -> f64:
     """What twists a rod behind the plate, (10) of ``docs/model.md``."""
-    if s.torsion == 3:
+    if s.torsion == wp.static(ALONE):
         return (unknowns[t, 2] - s.rest[b]) * s.unit[b, 0]
     if i >= s.first:
         return unknowns[t, s.torques + i - s.first] * s.unit[b, i]
-    if s.torsion == 1:
+    if s.torsion == wp.static(OWN):
         return unknowns[t, 2] * s.unit[b, 0]
     total = f64(0.0)
-    if s.torsion == 2:
+    if s.torsion == wp.static(SUM):
         for j in range(s.first, s.end.shape[1]):
             total -= unknowns[t, s.torques + j - s.first] * s.unit[b, j]
     return total
