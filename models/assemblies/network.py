@@ -39,7 +39,7 @@ from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.terms import scene_features
 from multirod.models.network.derivatives.designs import PARAMETERS, columns_of, parameter_size
 from multirod.models.network.elements.groups import along, is_on_rods
-from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
+from multirod.models.network.freedom import refuse_mechanism, refuse_turning_on, refuse_unheld, turning_about_themselves
 from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of, number_of, place_of
 from multirod.models.network.joining.checks import holes_by_rod, joint_called, joints_by_end, segments_by_rod, warn_of_free_tips
@@ -116,13 +116,13 @@ class Network(Assembly):
         robots = [robot_of(rod, name) for name, rod in rods.items()]
         self.rods = tuple(rod for robot in robots for rod in robot.rods)
         self.base, self._motors = pose("Network.base", base), driven_rods(driven, rods)
-        joined = joints_by_end(self.joints, rods, self.bodies)
-        holes = holes_by_rod(self.joints, rods)
+        joined, holes = joints_by_end(self.joints, rods, self.bodies), holes_by_rod(self.joints, rods)
         cut = segments_by_rod(segments, rods, holes)
         self.graph = Graph(robots, list(rods), self.bodies, joined, self.base, holes, self.joints, cut)
         refuse_around(self.graph)
         refuse_unheld(self.graph)
         refuse_mechanism(self.graph)
+        self._turning = turning_about_themselves(self.graph)
         self.load_places = self.graph.load_places
         for frame in self.graph.frames:
             if [*names, *self.load_places].count(place_of(*frame)) > 1:
@@ -264,12 +264,12 @@ class Network(Assembly):
     def check(self, inputs: Inputs) -> None:  # noqa: D102
         if not (inputs.batch_shape == () and self.surely_takes("translation", inputs.translation.tolist())):
             for name, rod, own in self._each():
-                values = {"translation": inputs.translation[..., own]}
                 try:
-                    rod.check(Inputs(rod.input_specs, rod.rod_count, values))
+                    rod.check(Inputs(rod.input_specs, rod.rod_count, {"translation": inputs.translation[..., own]}))
                 except ValueError as error:
                     raise ValueError(f"rod {name!r}: {error}") from None
         check_drives(inputs, self.rods)
+        refuse_turning_on(self._turning, inputs)
         if inputs.is_active("gravity") and not (self.graph.mass.any() or any(rod.has_mass for rod in self.rods)):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and no body a mass")
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):

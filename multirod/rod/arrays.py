@@ -80,6 +80,14 @@ class RodArrays:
         material one after another."""
         return self.members, self.member_rods, self.loads
 
+    @property
+    def is_round(self) -> bool:
+        """Whether all rods are round and straight at rest, and carry nothing that tells how they are turned about themselves."""
+        bent = self.precurvature.reshape(*self.precurvature.shape[:3], -1, 3)[..., :2].any()
+        sheared = (self.material[..., 6] != self.material[..., 7]).any()
+        carried = self.eccentric or self.members or self.loads or self.material[..., 10:12].any()
+        return not (self.anisotropic or bent or sheared or carried)
+
     def take(self, batch_shape: tuple[int, ...], instances: IntArray | None = None) -> "RodArrays":
         """The arrays of some instances, along one axis, of a batch to whose leading axes these broadcast.
 
