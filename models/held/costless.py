@@ -222,16 +222,23 @@ def hold_base(problem: "HeldProblem", turn: FloatArray, axis: FloatArray, chosen
         array.assign(np.where(chosen.reshape(-1, *(1,) * (values.ndim - 1)), values, array.numpy()))
 
 
-def hold_bases_alone(problem: "HeldProblem") -> None:
-    """(29) As they are turned that point to their ends, for what begins from a guess."""
-    if not problem.table.balls.numpy().any():
+def hold_bases_alone(problem: "HeldProblem", unknowns: FloatArray | None = None) -> None:
+    """(29) As they are turned by ``unknowns`` (instance_count, n), NaN of none; by default as they are that point to their
+    ends."""
+    chosen = problem.table.balls.numpy() != 0
+    if not chosen.any():
         return
     axis = problem.goal()[0] - problem.rod.table.base_position.numpy()
     axis = np.einsum("bji,bj->bi", problem.base_frame, axis)
     size = np.linalg.norm(axis, axis=1, keepdims=True)
     axis = np.where(size > 0, axis / np.where(size > 0, size, 1.0), AXIS)
-    turn = vectors(turned_to(np.broadcast_to(AXIS, axis.shape), axis))
-    hold_base(problem, turn, axis, problem.table.balls.numpy() != 0)
+    if unknowns is None:
+        turn = vectors(turned_to(np.broadcast_to(AXIS, axis.shape), axis))
+    else:
+        turn = problem.length[:, None] * unknowns[:, problem.rod.unknown_count :]
+        chosen &= np.isfinite(turn).all(axis=1)
+        turn = np.where(chosen[:, None], turn, 0.0)
+    hold_base(problem, turn, axis, chosen)
 
 
 def holding(

@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
@@ -65,8 +64,7 @@ class HeldProblem(BoundaryProblem):
         pieces: int = 1,
     ) -> None:
         self.holders = holders
-        if pieces > 1:
-            direction_count = 3 * (pieces - 1)
+        direction_count = 3 * (pieces - 1) if pieces > 1 else direction_count
         shape = np.broadcast_shapes(inputs.batch_shape, holders.batch_shape)
         self.turns = len(holders.base_axes)
         self.rod = self._make_rod(inputs, shape, integrator, device, direction_count, lengths, design, enabled, pieces)
@@ -142,11 +140,8 @@ class HeldProblem(BoundaryProblem):
 
     def _record(self) -> Launches:
         """Launches of one evaluation, in order."""
-
-        def recorded(kernel: wp.Kernel) -> Launch:
-            return record(kernel, self.instance_count, (self.table,), self.device)
-
-        return recorded(hand_over), self.rod.launch, recorded(hold)
+        first, last = (record(kernel, self.instance_count, (self.table,), self.device) for kernel in (hand_over, hold))
+        return first, self.rod.launch, last
 
     # ---- what is offered ----
 
@@ -286,6 +281,13 @@ class HeldProblem(BoundaryProblem):
     def sensing(self, places: FloatArray) -> HeldSensing:  # noqa: D102
         return HeldSensing(self, places, self._launches)
 
+    def adopt(self, unknowns: FloatArray) -> FloatArray:
+        """As said; what holds turns that cost nothing, (29), holds them there, if these are as many as there are instances."""
+        result = super().adopt(unknowns)
+        if len(result) == self.instance_count:
+            hold_bases_alone(self, result)
+        return result
+
     def guess(self) -> FloatArray:
         """The rod at rest, its end where that is; where it is straight there and its end does not slide, a little bent.
 
@@ -332,8 +334,7 @@ class HeldProblem(BoundaryProblem):
     def base_moment(self) -> FloatArray:
         """Moment at the base, in the world [N m], shape (instance_count, 3)."""
         moment = self.read("unknowns")[:, :3] * self.stiffness[:, None]
-        turned = np.broadcast_to(self.rod.table.base_rotation.numpy(), (len(moment), 3, 3))
-        return np.asarray(np.einsum("bij,bj->bi", turned, moment))
+        return np.asarray((self.rod.table.base_rotation.numpy() @ moment[:, :, None])[:, :, 0])
 
     def base_moment_columns(self) -> FloatArray:
         """Its change by the unknowns of the rod as a backbone, shape (instance_count, 3, rod.unknown_count)."""

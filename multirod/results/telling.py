@@ -38,8 +38,8 @@ class Told:
         problem = self._problem
         if inputs.shape != self._shape:
             return None
-        problem.write("unknowns", problem.adopt(unknowns))
         problem.write("inputs", inputs)
+        problem.write("unknowns", problem.adopt(unknowns))
         problem.part_ends(self._names)
         problem.integrate()
         return self._left.find()
