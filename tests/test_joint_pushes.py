@@ -181,14 +181,13 @@ SHAFT = {"kind": "universal", "axis": ((1, 0, 0), (0, 0, 1))}  # its second axis
 BALL = {"kind": "spherical"}
 
 
-def turned_about_itself(made, base, tip, torques):
-    """Inputs by which torques act at the joints of a rod beside another, which holds the plate."""
+def beside_a_mast(made, base, tip):
+    """A rod beside another, which holds the plate."""
     plate = mr.Body("plate")
     joints = [mr.Joint("mast", "base", to=mr.ground), mr.Joint("mast", "tip", to=plate)]
     joints += [mr.Joint("rod", "base", to=mr.ground, pose=at(0.1), **base), mr.Joint("rod", "tip", to=plate, pose=at(0.1), **tip)]
     rods = {"mast": mr.Rod(**ROUND), "rod": mr.Rod(**made)}
-    robot = mr.Network(rods=rods, bodies=[plate], joints=joints, segments={"rod": 2} if made.get("linear_density") else None)
-    return robot.inputs(joint_torque=torques)
+    return mr.Network(rods=rods, bodies=[plate], joints=joints, segments={"rod": 2} if made.get("linear_density") else None)
 
 
 @pytest.mark.parametrize(
@@ -212,12 +211,45 @@ def turned_about_itself(made, base, tip, torques):
 )
 def test_a_torque_that_turns_a_round_rod_about_itself_is_refused(made, base, tip, torques, resisted):
     """The search for where it rests took 20,000 integrations, and found none."""
+    robot = beside_a_mast(made, base, tip)
     if resisted:
-        turned_about_itself(made, base, tip, torques)
+        robot.inputs(joint_torque=torques)
         return
     with pytest.raises(ValueError, match="must not turn rod 'rod' about itself") as refused:
-        turned_about_itself(made, base, tip, torques)
+        robot.inputs(joint_torque=torques)
     assert str(refused.value).startswith(f"joint_torque = {{'{next(iter(torques))}'")
+
+
+HINGE = {"kind": "revolute", "axis": (1, 0, 0)}
+OWN = {"kind": "revolute", "axis": (0, 0, 1)}  # a hinge about the rod's own axis
+
+
+@pytest.mark.parametrize(
+    ("loose", "held"), [((SHAFT, BALL), (HINGE, BALL)), ((OWN, BALL), ({}, BALL)), ((BALL, SHAFT), (BALL, HINGE))]
+)
+def test_a_round_rod_that_turns_about_itself_is_as_one_that_is_held_so(loose, held):
+    """Nothing turns it so: it may as well be held. It was a ``FOLD`` everywhere, after hundreds of integrations."""
+    given = {"force": {"plate": (0.3, 0.1, -0.2)}, "translation": {"rod": 0.02}}
+    found = []
+    for ends in (loose, held):
+        robot = beside_a_mast(ROUND, *ends)
+        found.append(mr.solve(robot, robot.inputs(**given), solver=EXACT).raise_if_failed())
+    turning, clamped = found
+    np.testing.assert_allclose(turning.tip_position, clamped.tip_position, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(turning.tip_rotation, clamped.tip_rotation, rtol=0, atol=1e-9)
+    assert turning.stability is clamped.stability is mr.Stability.STABLE
+    assert turning.integrations <= clamped.integrations + 2
+
+
+def test_what_turns_a_round_rod_about_itself_along_it_is_loose():
+    """A moment across a plane in which all is bent does not; the spring that holds the rod would hold any."""
+    robot = beside_a_mast(ROUND, OWN, BALL)
+    push = {"force": {"plate": (0.3, 0, -0.2)}}
+    across = mr.solve(robot, robot.inputs(rod_moment={"rod": (0, 0.05, 0)}, **push), solver=EXACT)
+    assert across.status is mr.Status.CONVERGED
+    along = mr.solve(robot, robot.inputs(rod_moment={"rod": (0, 0, 1e-4)}, **push), solver=EXACT)
+    assert along.status is mr.Status.LOOSE
+    assert np.isnan(along.tip_position).all()
 
 
 @pytest.mark.parametrize(

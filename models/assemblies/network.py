@@ -39,11 +39,12 @@ from multirod.models.backbone.problem import BackboneProblem
 from multirod.models.backbone.terms import scene_features
 from multirod.models.network.derivatives.designs import PARAMETERS, columns_of, parameter_size
 from multirod.models.network.elements.groups import along, is_on_rods
-from multirod.models.network.freedom import refuse_mechanism, refuse_turning_on, refuse_unheld, turning_about_themselves
+from multirod.models.network.freedom import refuse_mechanism, refuse_unheld
 from multirod.models.network.graph import Graph
 from multirod.models.network.joining.bodies import Body, name_of, number_of, place_of
 from multirod.models.network.joining.checks import holes_by_rod, joint_called, joints_by_end, segments_by_rod, warn_of_free_tips
 from multirod.models.network.joining.joints import Joint
+from multirod.models.network.joining.turning import refuse_turning_on
 from multirod.models.network.places import FIXED, LOADED
 from multirod.models.network.problem import NetworkProblem
 from multirod.naming import names_checked
@@ -122,7 +123,6 @@ class Network(Assembly):
         refuse_around(self.graph)
         refuse_unheld(self.graph)
         refuse_mechanism(self.graph)
-        self._turning = turning_about_themselves(self.graph)
         self.load_places = self.graph.load_places
         for frame in self.graph.frames:
             if [*names, *self.load_places].count(place_of(*frame)) > 1:
@@ -269,7 +269,7 @@ class Network(Assembly):
                 except ValueError as error:
                     raise ValueError(f"rod {name!r}: {error}") from None
         check_drives(inputs, self.rods)
-        refuse_turning_on(self._turning, inputs)
+        refuse_turning_on(self.graph.turning, inputs)
         if inputs.is_active("gravity") and not (self.graph.mass.any() or any(rod.has_mass for rod in self.rods)):
             refuse("gravity", inputs.gravity.tolist(), "must be zero: no rod has a linear_density, and no body a mass")
         if inputs.is_active("magnetic_field") and not any(rod.is_magnetised for rod in self.rods):

@@ -3,14 +3,9 @@
 Numbers in parentheses are those of ``docs/networks.md``.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
-from multirod.inputs import Inputs
-from multirod.models.network.graph import GROUND, Ends, Graph
+from multirod.models.network.graph import GROUND, Graph
 from multirod.models.network.joining.joints import KINDS
 from multirod.rotations import cross, cross_matrix, matrices
 from multirod.validation import FloatArray, refuse
@@ -125,64 +120,6 @@ def refuse_mechanism(graph: Graph) -> None:
         f"body {body.name!r} is free to move in {missing} way{'s' * (missing > 1)} without a rod being bent: "
         "clamp more ends, add rods, or give joints stiffness",
     )
-
-
-@dataclass(frozen=True)
-class Turning:
-    """(46) A rod that turns about its own centreline though it is bent.
-
-    Attributes:
-        name: Of the rod.
-        turned: By how much that turns the coordinates of joints that torques act on, shape (count,), of ``joint_torque``.
-        joints: Names of the joints of these, shape (count,).
-    """
-
-    name: str
-    turned: FloatArray
-    joints: NDArray[np.str_]
-
-
-def turning_about_themselves(graph: Graph) -> list[Turning]:
-    """(46) All of them at whose joints a torque may turn them so."""
-    joints, found = np.repeat(list(graph.pushed), list(graph.pushed.values())), []
-    for whole, name in enumerate(graph.whole_names):
-        pieces = graph.slides.of(whole)
-        # the segments of a cable are clamped to each other, and turn together
-        tips = pieces if graph.slides.sliding[pieces[0]] else pieces[-1:]
-        ends = [(graph.ends[0], graph.pushed_at[0], pieces[0]), *((graph.ends[1], graph.pushed_at[1], rod) for rod in tips)]
-        turned = np.zeros(len(joints))
-        if graph.arrays[pieces[0]].is_round and all(_turns_about_itself(*end, turned) for end in ends) and turned.any():
-            found.append(Turning(name, turned, joints))
-    return found
-
-
-def _turns_about_itself(own: Ends, pushed_at: NDArray[np.intp], rod: int, turned: FloatArray) -> bool:
-    """Whether a joint lets it; by how much its coordinates are turned then is put in, where torques act on them."""
-    table, count = own.table, int(own.table.count[rod])
-    free = (table.stiffness[rod, :count] == 0) & ~table.driven[rod] & ~table.slides[rod, :count]
-    last = table.outer[rod] if table.outer[rod].any() else table.inner[rod]  # what goes with the rod
-    along, at = last[2, :count] * free, pushed_at[rod, :count]
-    if not own.held[rod] or np.linalg.norm(along) < 1 - SINGULAR:
-        return False
-    told = (at >= 0) & (at < len(turned))
-    turned[at[told]] += along[told]
-    return True
-
-
-def refuse_turning_on(rods: Sequence[Turning], inputs: Inputs) -> None:
-    """Refuse, by a ``ValueError`` that names the joint, torques that turn a rod about itself, which nothing resists."""
-    if not rods or not inputs.is_active("joint_torque"):
-        return
-    torques = inputs.joint_torque
-    for rod in rods:
-        if (np.abs(torques @ rod.turned) > SINGULAR * np.abs(torques).max()).any():
-            which = str(rod.joints[int(np.abs(rod.turned).argmax())])
-            refuse(
-                "joint_torque",
-                {which: torques[..., rod.joints == which].tolist()},
-                f"must not turn rod {rod.name!r} about itself: round and straight at rest, it is free to move so between its "
-                "joints, and nothing holds it; clamp an end, or give a joint stiffness",
-            )
 
 
 def _rank(matrix: FloatArray) -> int:

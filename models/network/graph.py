@@ -19,6 +19,7 @@ from multirod.models.network.joining.bodies import Body, Ground, place_of
 from multirod.models.network.joining.joints import MOST, Joint, JointTable
 from multirod.models.network.joining.placing import Placing, placed
 from multirod.models.network.joining.sliding import Slides
+from multirod.models.network.joining.turning import hold_turning
 from multirod.rod import RodArrays
 from multirod.validation import FloatArray
 
@@ -101,6 +102,7 @@ class Graph:
             are no inputs, each of shape (rod_count, 3).
         pushed, pushed_slides, pushed_at: Likewise of joints that are not driven, the coordinates by which torques and forces
             have a potential: all but those of balls, and of holes.
+        turning: (46) Rods that turn about themselves, and are held by springs.
         batch_shape: Leading axes of all of it.
     """
 
@@ -127,8 +129,7 @@ class Graph:
         self.bodies = tuple(body for body in bodies if not body.fixed)
         self.moving = (*self.bodies, *self.slides.between)
         self.fixed = tuple(body for body in bodies if body.fixed)
-        self.joints, self.holes, self.all_joints = dict(joints), dict(holes), tuple(all_joints)
-        self.base = base
+        self.joints, self.holes, self.all_joints, self.base = dict(joints), dict(holes), tuple(all_joints), base
         self.arrays: tuple[RodArrays, ...] = tuple(rod.arrays for rod in self.rods)
         conditions = [sum(kind.conditioned for kind in arrays.members) for arrays in self.arrays]
         self.own: NDArray[np.intp] = np.array([r.rod_count + 5 + c for r, c in zip(self.rods, conditions, strict=True)])
@@ -152,14 +153,13 @@ class Graph:
         self.mass = np.array([body.mass for body in self.moving])
         self.mass_centre = np.array([body.mass_centre for body in self.moving]).reshape(-1, 3)
         self.free: NDArray[np.intp] = np.flatnonzero(~self.ends[1].held)
-        driven = [own.table.driven for own in self.ends]
-        self.driven, self.driven_slides, self.driven_at = self._coordinates(driven)
+        self.driven, self.driven_slides, self.driven_at = self._coordinates([own.table.driven for own in self.ends])
         real = [self.slides.first, self.slides.last]  # ends of rods as given
-        few = [~own.table.driven & (own.table.count < MOST) for own in self.ends]
-        pushed = [own & at for own, at in zip(few, real, strict=True)]
+        pushed = [at & ~own.table.driven & (own.table.count < MOST) for own, at in zip(self.ends, real, strict=True)]
         self.pushed, self.pushed_slides, self.pushed_at = self._coordinates(pushed)
-        shapes = [own.batch_shape for own in self.arrays]
-        self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-2], *(end.pose.shape[:-3] for end in self.ends))
+        self.turning = hold_turning(self)
+        shapes = [*(own.batch_shape for own in self.arrays), *(end.pose.shape[:-3] for end in self.ends)]
+        self.batch_shape = np.broadcast_shapes(*shapes, base.shape[:-2])
 
     def _coordinates(
         self, chosen: Sequence[NDArray[np.bool_]]

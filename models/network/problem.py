@@ -14,7 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
-from multirod.capabilities import LineTest, ResultTest
+from multirod.capabilities import ResultTest
 from multirod.inputs import Inputs
 from multirod.integrators import Integrator
 from multirod.launch import Launch, record
@@ -32,6 +32,7 @@ from multirod.models.network.elements.groups import ALONG, ON_RODS, RodGroup, al
 from multirod.models.network.graph import DRIVEN, PUSHED, Graph
 from multirod.models.network.joining.cutting import too_long
 from multirod.models.network.joining.reach import NetworkReach
+from multirod.models.network.joining.turning import result_test_of
 from multirod.models.network.places import blocks_of, input_places, place_of_all
 from multirod.models.network.poses import body_poses, pushed_axes
 from multirod.models.network.stability.clamps import NetworkClamps
@@ -168,8 +169,7 @@ class NetworkProblem(Loaded):
 
     @property
     def result_test(self) -> ResultTest | None:  # noqa: D102
-        between_discs = any(group.backbones.features.discs and group.backbones.features.condition_count for group in self.groups)
-        return LineTest(self.lines) if between_discs else None
+        return result_test_of(self)
 
     @property
     def held_forces(self) -> NDArray[np.intp]:  # noqa: D102
