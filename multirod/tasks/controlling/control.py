@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from multirod.kernels.shared import Shared
 from multirod.launch import record
 from multirod.rotations import matrices
+from multirod.status import Status
 from multirod.tasks.condensed import condensed
 from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, SURPRISE, make_control
 from multirod.tasks.controlling.control_step_kernels import LONGEST, MOST_PULL, ON_TARGET, Control
@@ -21,6 +22,7 @@ from multirod.tasks.programme import programme
 from multirod.tasks.programme_kernels import Programme
 from multirod.tasks.rows import Kind, PoseRows, row_count
 from multirod.tasks.watch import Watch
+from multirod.tasks.watch_kernels import LOOK
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
@@ -87,8 +89,7 @@ class ControlStep:
         shaped: int = 0,
     ) -> None:
         problem = task.problem
-        self._whole, self._watch = task, watch
-        self._problem, device = problem, problem.device
+        self._whole, self._watch, self._problem, device = task, watch, problem, problem.device
         self._rows, self._unit, self._gains, self._centre = rows, unit, gains, centre
         self._weight = float(weight[0]), float(weight[1])
         vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
@@ -117,14 +118,12 @@ class ControlStep:
         self._views = [self._kept[name].numpy() for name in ("record", "told", "status", "doubt")]
         self._shared = wp.get_device(device).is_cpu
         c, k = rows.matrix.shape
-        each: dict[str, tuple[int, ...]] = dict.fromkeys(("limits", "scaled"), (c + shaped, k)) | dict.fromkeys(
-            ("low", "high"), (c + shaped,)
-        )
+        each: dict[str, tuple[int, ...]] = dict.fromkeys(("limits", "scaled"), (c + shaped, k))
+        each |= dict.fromkeys(("low", "high"), (c + shaped,))
         self._limits = {name: Shared(size, wp.float64, device) for name, size in each.items()}
-        self._longest = Shared((1,), wp.float64, device)
-        self._longest.write(LONGEST)
-        self._nearby = Shared((1,), wp.float64, device)
-        self._nearby.write(LONGEST)
+        self._longest, self._nearby = (Shared((1,), wp.float64, device) for _ in range(2))
+        for own in (self._longest, self._nearby):
+            own.write(LONGEST)
         # (16d), and of the last sample: what it gained, what it left, what was told of it, what was not free
         self._narrowed, self._asked = LONGEST, (0.0, 0.0, np.zeros(sizes["told"]), b"")
         self._careful = self._by_shape = LONGEST  # that what failed leaves, and limits of the shape
@@ -169,18 +168,25 @@ class ControlStep:
             (size,); its status; what has to be done about it, as ``watch_kernels`` says.
         """
         self._columns.update()
-        self._kind = kind
+        self._kind, self._looked = kind, False
         if kind not in self._launches:
             self.prepare(kind)
+        begun = np.array(self._problem.read("unknowns")) if len(self._problem.kinks) and self._watch.state.on else None
         if self._shared:
             self._launches[kind]()
-            found, told, status, doubt = self._views
-            return found.copy(), told[0].copy(), int(status[0]), int(doubt[0])
-        for each in self._given.values():
-            each.send()
-        self._launches[kind]()
-        found, told, status, doubt = (self._kept[name].numpy() for name in ("record", "told", "status", "doubt"))
-        return found, told[0], int(status[0]), int(doubt[0])
+            found, told, status, doubt = (own.copy() for own in self._views)
+        else:
+            for each in self._given.values():
+                each.send()
+            self._launches[kind]()
+            found, told, status, doubt = (self._kept[name].numpy() for name in ("record", "told", "status", "doubt"))
+        crossed = begun is not None and not Status(int(status[0])).failed and self._crossed(begun, found)
+        return found, told[0], int(status[0]), LOOK if crossed else int(doubt[0])
+
+    def _crossed(self, begun: FloatArray, record: FloatArray) -> bool:
+        """Whether a command has a line slack that was taut at the place of its integration, (1, n), or the other way round."""
+        own, kinks = record[:, self._problem.record_fields["unknowns"]], self._problem.kinks
+        return bool(((begun > 0) != (own > 0))[:, kinks].any())
 
     @property
     def by(self) -> FloatArray:
@@ -210,9 +216,10 @@ class ControlStep:
     def _of_others(self) -> bytes:
         return bytes(self._problem.read("inputs")[0, self._others].tobytes())
 
-    def mind(self, failed: bool, told: FloatArray) -> None:
+    def mind(self, status: int, told: FloatArray, record: FloatArray) -> tuple[int, FloatArray]:
         """Take shorter steps after a sample that failed: what starts from the same place would fail again; or whose step came to
-        less than foreseen, (16b). Longer ones after others, up to those that are usual."""
+        less than foreseen, (16b). Longer ones after others, up to those that are usual. Its status, and what is told of it."""
+        failed = Status(status).failed
         if self._shared and not failed:
             self._narrow(told)
         most = 0.5 * self._careful if failed else min(1.5 * self._careful, self._trusted(told), LONGEST)
@@ -220,6 +227,16 @@ class ControlStep:
         if most != self._careful:
             self._careful = max(most, SHORTEST)
             self._longest.write(min(self._careful, self._by_shape))
+        return self._said(status, told, record) if self._looked and not failed else (status, told)
+
+    def _said(self, status: int, told: FloatArray, record: FloatArray) -> tuple[int, FloatArray]:
+        """Of a command that was looked at, how far it is off its target itself: no more by what its step was to come to."""
+        fields, own = self._problem.record_fields, told.copy()
+        own[ERROR], own[ANGLE] = self._off_target(record[:, fields["position"]], record[:, fields["rotation"]])
+        rows, left = self._off.get(self._kind), self._left(own)
+        if rows is not None and left > max(ASTRAY * sqrt(float(rows @ rows)), ON_TARGET * self._weight[1]):
+            status = int(Status.OFF_TARGET) if status == Status.TRACKING else status
+        return status, own
 
     def _narrow(self, told: FloatArray) -> None:
         """(16d) How far to go along what moves the tip little, where a target is out of reach and steps lead elsewhere."""
@@ -305,6 +322,7 @@ class ControlStep:
 
     def settled(self, record: FloatArray) -> None:
         """The command was looked at: ``record`` is that of its own last integration, and the next sample starts from there."""
+        self._looked = True
         record[:] = self._problem.snapshot()
         fields, kept = self._problem.record_fields, self._kept
         for name, field in LOOKED_AT.items():

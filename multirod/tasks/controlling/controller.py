@@ -349,7 +349,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             if self._shape is not None and not Status(status).failed:
                 status = self._in_shape(self._shape, record, told, status)
                 spent = frozen(spent + np.int32(self._shape.integrations))
-            self._step.mind(Status(status).failed, told)
+            status, told = self._step.mind(status, told, record)
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
         own = {"_free": self.free, "_told": told, "_rows": self._rows, "_limits": self._limit_names, "_aims": kind[0] == 1}
         vars(result).update(own, missing=-1 in seen)
