@@ -87,9 +87,11 @@ class Graph:
 
     Args:
         rods: Of each: ``base``, ``tip`` (None where it is free), ``holes``; ``spans`` of one material each: ``length``,
-            ``stiffness`` and ``curvature`` (tubes, 3), ``force`` per length (3,), ``shear`` (3,) or None; ``angles`` (tubes,) of
+            ``stiffness`` and ``curvature`` (tubes, 3), ``force`` per length (3,), ``shear`` (3,) or None, ``magnet``, magnetic
+            moment per length in a ``field``, both (3,); ``medium``, its stiffness (3,) or None; ``angles`` (tubes,) of
             bases, ``behind`` (tubes,): what they are turned with behind the plate [N m/rad], infinite where they begin there;
-            ``lines``: ``offset`` (2,), and ``tension``, or ``length`` and ``compliance``; ``pull`` (3,) on a free tip.
+            ``lines``: ``offset`` (2,), and ``tension``, or ``length`` and ``compliance``, and if it ``pushes``; ``pull`` (3,) on
+            a free tip.
             A joint is at ``position``, ``frame`` of ``body`` (-1 the ground), turns about ``axes`` (count, 3) and slides along
             ``slide`` (3,) or does not, None; of its coordinates, ``springs``, ``rest`` and ``push`` (count,). A hole also is
             ``at`` about where, with a ``spring`` that is fixed to ``rest``.
@@ -205,7 +207,7 @@ class Graph:
                 self._add(g, H, local[i], slope[i], self._places(i, part))
         for part in self.parts:
             total += part.ends_of(state, g, H, energy, slopes)
-            total += part.pulls_of(state, g, H, energy)
+            total += part.pulls_of(state, g, H, energy) + part.medium_of(state, g, H)
         for k, body in enumerate(self.bodies):
             turn, p = R[self.body_turn[k]], y[self.body_at[k]]
             place, at = self.at(self.body_at[k]), self.place_of_turn(self.body_turn[k])
@@ -253,7 +255,7 @@ class Graph:
         for part in self.parts:
             for line, place in zip(part.rod["lines"], part.tensions, strict=True):
                 if place >= 0:
-                    gives[place - n], pulls[place - n] = line["compliance"], True
+                    gives[place - n], pulls[place - n] = line["compliance"], not line.get("pushes")
         multipliers, stiff = np.array(state[1][n:]), 100.0 * held**2 / unit
 
         def pulled(state, multipliers, stiff):
@@ -307,7 +309,7 @@ class Graph:
         """The same where lines that hang loose have no tension."""
         lines = [
             [
-                {"offset": line["offset"], "tension": 0.0} if at >= 0 and state[1][at] <= 0 else line
+                {"offset": line["offset"], "tension": 0.0} if at >= 0 and not line.get("pushes") and state[1][at] <= 0 else line
                 for line, at in zip(part.rod["lines"], part.tensions, strict=True)
             ]
             for part in self.parts
@@ -657,6 +659,13 @@ class _Part:
                         _both(H, at_v, [l], factor * (S * off + turns[i].T @ (n - 2 * c[i]))[:, None])
                     by_h += 0.5 * np.sum(S * off**2)
             by_h += float(np.sum(points * (n - 2 * c)))
+            for i, (node, _, _, span) in enumerate(segments):
+                at, m, B = graph.place_of_turn(node[0]), span["magnet"], span["field"]
+                total -= h[i] * B @ turns[i] @ m
+                linear(g, H, at, turns[i], -h[i] * B, m)
+                by_h -= B @ turns[i] @ m
+                for l, factor in lengths:
+                    _both(H, at, [l], -factor * np.cross(m, turns[i].T @ B)[:, None])
             for end, number_of, pull, sense in ((start, which[0], n - F, 1.0), (stop, which[1], n, -1.0)):
                 if end is None:
                     continue
@@ -689,6 +698,41 @@ class _Part:
                 for other, its in lengths:
                     H[l, other] -= factor * its * 2 * np.sum(points * c) / h[0]
         return total
+
+    def medium_of(self, state, g, H):
+        """Of a rod whose base stands still, its segments are held by springs to the line straight out of that, at their middles;
+        the energy of these."""
+        if self.rod["medium"] is None:
+            return 0.0
+        graph, (R, y), ((segments, *_),) = self.graph, state, self.runs
+        h = np.array([share * graph.length_of(piece, y) for _, piece, share, _ in segments])
+        frame = self.rod["base"]["frame"]
+        K = frame @ np.diag(self.rod["medium"]) @ frame.T
+        turns = R[[node[0] for node, *_ in segments]]
+        v = np.array([y[node[1]] if len(node[1]) else AXIS for node, *_ in segments])
+        steps = h[:, None] * of(turns, v)
+        middle = h.cumsum() - 0.5 * h
+        off = steps.cumsum(axis=0) - 0.5 * steps - middle[:, None] * frame[:, 2]
+        pull = h[:, None] * off @ K
+        # a segment carries those beyond it whole, and itself by half
+        carried = pull[::-1].cumsum(axis=0)[::-1] - 0.5 * pull
+        places, ways = [], []
+        for i, (node, *_) in enumerate(segments):
+            at, at_v = graph.place_of_turn(node[0]), graph.at(node[1])
+            linear(g, H, at, turns[i], h[i] * carried[i], v[i])
+            places.append(at)
+            ways.append(-h[i] * turns[i] @ hat(v[i]))
+            if len(at_v):
+                g[at_v] += h[i] * turns[i].T @ carried[i]
+                _both(H, at, at_v, -h[i] * hat(turns[i].T @ carried[i]))
+                places.append(at_v)
+                ways.append(h[i] * turns[i])
+        at, each = np.concatenate(places), np.concatenate(ways, axis=1)  # (3, variables)
+        own = np.repeat(np.arange(len(segments)), 3 * len(places) // len(segments))
+        share = (own < np.arange(len(segments))[:, None]) + 0.5 * (own == np.arange(len(segments))[:, None])
+        moved = share[:, None] * each  # of each middle
+        H[np.ix_(at, at)] += np.einsum("kai,ab,kbj->ij", h[:, None, None] * moved, K, moved)
+        return float(0.5 * np.sum(pull * off))
 
 
 def _both(H, rows, columns, value):

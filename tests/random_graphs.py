@@ -2,7 +2,8 @@
 
 Rods that are plain, strips, stretch and shear, have sections, tendons, or are tubes; joints of all kinds at random axes, with
 springs, motors and drives; rods that slide through holes of bodies; bodies that are fixed and moved, frames that are pushed;
-loads along all rods and along one. ``random_networks`` draws less, by other numbers.
+loads along all rods and along one. From number ``WITH_FIELDS`` on some rods are magnets in a field, stand in a medium, or have
+chambers and push rods. ``random_networks`` draws less, by other numbers.
 """
 
 from dataclasses import dataclass
@@ -20,9 +21,11 @@ ANGLES = {"clamped": 0, "revolute": 1, "universal": 2, "spherical": 3, "prismati
 HOLES = {"prismatic": 0, "cylindrical": 1, "spherical": 3}
 MADE = ("plain", "plain", "plain", "strip", "stretches", "sections", "tendons", "tubes")
 RADIUS = 0.005  # of tendons
+WITH_FIELDS = 1000  # the first number of a network with magnets, media, chambers and push rods
+AREA = 2e-5  # of a chamber [m^2]
 BY_NAME = (
     *("rotation", "translation", "force", "moment", "follower_force", "follower_moment", "tension", "displacement"),
-    *("angle", "slide", "joint_torque", "slide_force", "rod_force"),
+    *("pressure", "angle", "slide", "joint_torque", "slide_force", "rod_force"),
 )
 
 
@@ -59,10 +62,10 @@ def frame_along(z, rng, off=0.15):
 
 def draw(seed, most_rods=12, most_bodies=4, load=1.0):
     """A network; one in which something is free to move is drawn again."""
-    rng = np.random.default_rng([seed, 17])
+    rng, more = (np.random.default_rng([seed, own]) for own in (17, 29))
     while True:
         try:
-            return _Lot(rng, most_rods, most_bodies, load).drawn()
+            return _Lot(rng, most_rods, most_bodies, load, more if seed >= WITH_FIELDS else None).drawn()
         except ValueError as error:
             if "free to move" not in str(error):
                 raise
@@ -71,8 +74,8 @@ def draw(seed, most_rods=12, most_bodies=4, load=1.0):
 class _Lot:
     """One draw."""
 
-    def __init__(self, rng, most_rods, most_bodies, load):
-        self.rng, self.load = rng, load
+    def __init__(self, rng, most_rods, most_bodies, load, more):
+        self.rng, self.load, self.more = rng, load, more
         count = int(rng.integers(1, most_bodies + 1))
         self.joined = [(int(rng.integers(-1, k)) if k else -1, k) for k in range(count)]
         for _ in range(int(rng.integers(0, most_rods - count + 1))):
@@ -88,6 +91,12 @@ class _Lot:
         self.gravity = np.array([0, 0, -9.81]) if self.chance(0.5) else np.zeros(3)
         self.along = rng.normal(0, 0.3 * load * EI / 0.3**3, 3) if self.chance(0.2) else np.zeros(3)
         self.potential = True
+        # [T], by which 1 A m takes about as much of a moment per length as EI/L^2
+        self.field = 0.5 * load * EI / 0.3**2 * more.normal(0, 1, 3) if self.maybe(0.4) else np.zeros(3)
+
+    def maybe(self, share):
+        """Whether one more thing is there, as ``chance``."""
+        return self.more is not None and bool(self.more.random() < share)
 
     def chance(self, share):
         return bool(self.rng.random() < share)
@@ -117,6 +126,8 @@ class _Lot:
             given["distributed_force"] = self.along
         if any(span["mass"] for own in self.numbers for span in own["spans"]) or any(mass for mass, _ in self.mass):
             given["gravity"] = self.gravity
+        if any(span["magnet"].any() for own in self.numbers for span in own["spans"]):
+            given["magnetic_field"] = self.field
         inputs = robot.inputs(**given)
         bodies = tuple(f"b{k}" for k in range(count))
         numbers = {"rods": self.numbers, "bodies": self.own}
@@ -170,7 +181,7 @@ class _Lot:
         beyond = rng.uniform(0.08, 0.15) if sliding else 0.0
         length = reach * rng.uniform(1.0, 1.1) + beyond
         own = {"holes": [], "lines": [], "angles": [0.0], "behind": [np.inf], "pull": np.zeros(3), "tip": None}
-        rod = self._made(name, made, length, own)
+        make = self._made(name, made, length, own)
         own["base"] = self._joint(name, "base", near, spots[0], chord, length)
         if sliding:
             own["holes"].append(self._hole(name, far, spots[1], chord, reach, length))
@@ -180,10 +191,28 @@ class _Lot:
             own["pull"] = rng.normal(0, 0.5 * self.load * EI / length**2, 3)
             self.inputs["force"][name] = own["pull"]
         self._drives(name, made, own, length)
-        self.rods[name] = rod
+        self.rods[name] = make(**self._around(made, near, own, sliding))
         self.numbers.append(own)
-        if made in ("plain", "strip", "stretches") and not sliding and self.chance(0.1):
+        if made in ("plain", "strip", "stretches") and not sliding and self.chance(0.1) and own["medium"] is None:
             self.cut[name] = int(rng.integers(2, 4))
+
+    def _around(self, made, near, own, sliding):
+        """Options of a rod that is a magnet or in a medium."""
+        more, options, own["medium"] = self.more, {}, None
+        for span in own["spans"]:
+            span["magnet"], span["field"] = np.zeros(3), self.field
+        if made not in ("plain", "strip", "stretches", "sections"):
+            return options
+        if self.field.any() and self.maybe(0.5):
+            options["magnetisation"] = more.normal(0, 0.5, 3)
+            for span in own["spans"]:
+                span["magnet"] = options["magnetisation"]
+        still = near < 0 and not len(own["base"]["axes"]) and own["base"]["slide"] is None and not own["base"]["driven"]
+        if still and not sliding and self.maybe(0.3):
+            length = sum(span["length"] for span in own["spans"])
+            k = EI / length**4 * 10 ** more.uniform(0, 2.5)
+            own["medium"] = options["foundation"] = np.array([k, k, k * more.integers(0, 2)])
+        return options
 
     def _made(self, name, made, length, own):
         rng = self.rng
@@ -204,9 +233,12 @@ class _Lot:
             other["curvature"] = bent[None] + rng.normal(0, 2.0, (1, 3)) * [1, 1, 0]
             span["length"] = share * length
             own["spans"].append(other)
-            return mr.Rod(sections=[mr.Section(**_numbers_of(s), **options) for s in own["spans"]])
+            drawn = [_numbers_of(s) for s in own["spans"]]  # before it is pushed out
+            return lambda **more: mr.Rod(sections=[mr.Section(**numbers, **options, **more) for numbers in drawn])
+        numbers = _numbers_of(span)
         if made == "tubes":
-            return self._tubes(length, own, bent)
+            tubes = self._tubes(length, own, bent)
+            return lambda **_: tubes
         if made == "tendons":
             turn, count = rng.uniform(0, 2 * np.pi), int(rng.integers(1, 4))
             for k in range(count):
@@ -219,8 +251,20 @@ class _Lot:
                 own["lines"][0]["displaced"] = stretches.get("axial_stiffness", np.inf)
             else:
                 lines = [mr.Tendon(offset=line["offset"]) for line in own["lines"]]
-            return mr.Rod(**_numbers_of(span), **options, lines=lines)
-        return mr.Rod(**_numbers_of(span), **options)
+            if self.maybe(0.5):
+                lines = self._chambers_or_rods(own)
+            return lambda **more: mr.Rod(**numbers, **options, lines=lines, **more)
+        return lambda **more: mr.Rod(**numbers, **options, **more)
+
+    @staticmethod
+    def _chambers_or_rods(own):
+        """In the place of tendons."""
+        if "displaced" not in own["lines"][0]:
+            for line in own["lines"]:
+                line["area"] = AREA
+            return [mr.Chamber(offset=line["offset"], area=AREA) for line in own["lines"]]
+        own["lines"][0] |= {"displaced": 2e3, "pushes": True}
+        return [mr.PushRod(offset=own["lines"][0]["offset"], axial_stiffness=2e3)]
 
     def _tubes(self, length, own, bent):
         """An inner tube, and one around it that ends before it, as stiff together as a rod, about."""
@@ -290,6 +334,7 @@ class _Lot:
         self.joints.append(mr.Joint(name, end, to=holder, pose=pose_of(frame, spot), kind=kind, **options))
         # the hand is a part of the ground
         own |= {"body": b if b >= 0 else -1, "position": spot, "frame": frame, "springs": springs, "rest": rest, "push": push}
+        own["driven"] = bool(options.get("driven"))
         if options.get("driven"):
             value = rng.normal(0, 0.3, angles)
             if angles:
@@ -357,14 +402,19 @@ class _Lot:
             EA = line.pop("displaced")
             before = length_at_rest(own["spans"][0], line["offset"])
             pulled = rng.uniform(1e-3, 3e-3)
+            if line.get("pushes"):
+                pulled *= float(self.more.choice([-1.0, 1.0]))
             line["length"] = before - pulled
             line["compliance"] = before / EA
             self.inputs["displacement"][name] = pulled
             return
         for line in own["lines"]:
             line["tension"] = float(rng.uniform(0, 0.5) * self.load * EI / length / RADIUS)
-        tensions = tuple(line["tension"] for line in own["lines"])
-        self.inputs["tension"][name] = tensions if len(tensions) > 1 else tensions[0]
+        filled = "area" in own["lines"][0]
+        values = tuple(line["tension"] / line.get("area", 1.0) for line in own["lines"])
+        for line in own["lines"] if filled else ():
+            line["tension"] *= -1
+        self.inputs["pressure" if filled else "tension"][name] = values if len(values) > 1 else values[0]
 
     def _loads(self, robot):
         rng = self.rng
@@ -492,11 +542,16 @@ def _taut(drawn, solution):
     for name, rod in zip(drawn.names, drawn.numbers["rods"], strict=True):
         tensions = _tension_of(rod, name, solution)
         lines = [
-            {"offset": line["offset"], "tension": 0.0} if "length" in line and tension <= 0 else line
+            {"offset": line["offset"], "tension": 0.0} if slack(line, tension) else line
             for line, tension in zip(rod["lines"], tensions, strict=True)
         ]
         rods.append(rod | {"lines": lines})
     return drawn.numbers | {"rods": rods}
+
+
+def slack(line, tension):
+    """Whether a line hangs loose, which one that pushes does not."""
+    return "length" in line and not line.get("pushes") and tension <= 0
 
 
 def _tension_of(rod, name, solution):
@@ -580,7 +635,8 @@ def violation(drawn, solution):
             if b >= 0:
                 force[b] = force[b] + wrench.force
                 moment[b] = moment[b] + wrench.about(place).moment
-        pulls.append(np.abs(total - weight - given).max())
+        if rod["medium"] is None:  # by which it is held too
+            pulls.append(np.abs(total - weight - given).max())
     pulls += [np.abs(value).max() for value in force]
     turns += [np.abs(value).max() for value in moment]
     return float(max(*gaps, max(pulls) * length**2 / EI, max(turns) * length / EI))

@@ -17,7 +17,7 @@ def place(x=0.0, y=0.0, z=0.0):
     return pose
 
 
-@pytest.mark.parametrize("seed", [1, 3, 10, 36])
+@pytest.mark.parametrize("seed", [1, 3, 10, 36, 1051, 1016, 1018, 1037, 1048])  # from 1000 on with magnets, media, chambers
 def test_the_witness_is_the_slope_of_its_energy(seed):
     """Gradients of all kinds of joints and rods against differences of the energy alone, and their derivatives against theirs."""
     drawn = draw(seed, **FEW)
@@ -44,6 +44,16 @@ def test_the_witness_is_the_slope_of_its_energy(seed):
 @pytest.mark.parametrize("seed", [1, 3, 10])
 def test_drawn_networks_are_where_their_energy_has_them(seed):
     """Slides, springs, motors, tubes, rods that stretch, a hole; ``benchmarks/random_networks.py --all`` has more."""
+    hold_against_their_energy(seed)
+
+
+@pytest.mark.parametrize("seed", [1001, 1013, 1018, 1023])
+def test_drawn_networks_with_fields_are_where_their_energy_has_them(seed):
+    """A medium, a push rod, chambers beside a magnet, a magnet in a hole."""
+    hold_against_their_energy(seed)
+
+
+def hold_against_their_energy(seed):
     drawn = draw(seed, **FEW)
     solution = mr.solve(drawn.robot, drawn.inputs).raise_if_failed()
     assert violation(drawn, solution) < 1e-6  # of lengths and forces: what the default integrator promises
