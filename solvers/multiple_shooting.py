@@ -1,7 +1,7 @@
 """Multiple shooting: the rod in segments short enough that none amplifies an error by much, along the natural branch."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,31 +94,22 @@ class MultipleShooting(Solver):
         paths = self._paths(problem, instances, np.full(count, self.max_integrations))
         steps = np.full(count, self.integrator.steps or 0)
         place = paths.begin(problem.read("unknowns")[instances], np.ones(count), steps)
-        return {k: place.cuts.points(at) for at, k in enumerate(instances.tolist()) if place.found.fault[at] == 0}
+        points = {k: place.cuts.points(at) for at, k in enumerate(instances.tolist()) if place.found.fault[at] == 0}
+        if not points or paths.segments.end_held:  # whose conditions hold what symmetry leaves neutral
+            return points
+        soft = paths.segments.modes(points).soft.tolist()
+        return {k: replace(own, neutral=modes) for (k, own), modes in zip(points.items(), soft, strict=True)}
 
     def resume_branch(
-        self, problem: BoundaryProblem, last: FloatArray | Mapping[int, Breakpoints], before: FloatArray, allowed: IntArray
+        self, problem: BoundaryProblem, last: Mapping[int, Breakpoints], before: FloatArray, allowed: IntArray
     ) -> tuple[Outcome, dict[int, Breakpoints]]:
-        """All instances from their last equilibria, ``NOT_RUN`` where that leads off their branches; and by what breakpoints each
-        is known now, though its unknowns may lead to its tip as well.
-
-        Args:
-            problem: At the new inputs.
-            last: Unknowns of these equilibria, (instance_count, n), or breakpoints.
-            before: Inputs at which they were found, (instance_count, k).
-            allowed: Integrations that each may take, (instance_count,).
-        """
+        """All instances from breakpoints of their ``last`` equilibria, found at the inputs ``before``, (instance_count, k), each
+        by as many integrations as it is ``allowed``, (instance_count,); ``NOT_RUN`` where that leads off their branches. And by
+        what breakpoints each is known now, though its unknowns may lead to its tip as well."""
         everyone, now = np.arange(problem.instance_count), problem.read("inputs")
-        paths, full, neutral = self._paths(problem, everyone, allowed), np.ones(len(everyone)), np.zeros(len(everyone), dtype=int)
+        paths, full = self._paths(problem, everyone, allowed), np.ones(len(everyone))
         problem.write("inputs", before)
-        if isinstance(last, np.ndarray):
-            place = paths.begin(last, full, np.full(len(everyone), self.integrator.steps or 0))
-            sound = np.flatnonzero(place.found.fault == 0)
-            if len(sound) and not paths.segments.end_held:  # whose conditions hold what symmetry leaves neutral
-                neutral[sound] = paths.segments.modes({k: place.cuts.points(k) for k in sound.tolist()}).soft
-        else:
-            place = paths.evaluate(Cuts.of_points(last), full)
-            neutral[:] = [own.neutral for own in last.values()]
+        place, neutral = paths.evaluate(Cuts.of_points(last), full), np.array([own.neutral for own in last.values()])
         place, _ = paths.refine(place, full, full > 0, steps_kept=True, most=FAR)
         problem.write("inputs", now)
         results = paths.each(place, neutral, SegmentedPaths.resume)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 ATTEMPT = 40  # integrations that a step may take: it takes 10 to 20, or fails
 HALVINGS = 8  # of a step of the inputs
+IN_ALL = 300  # integrations that a sample may take so: from the unloaded rod it takes as many
 
 
 def unsafe(problem: BoundaryProblem, change: FloatArray) -> BoolArray:
@@ -68,8 +69,7 @@ class LastStates:
         """The next sample of all that are known so, in the problem's buffers, and which were found, (instance_count,): what is
         led off its branch is not. A first sample is that of the guess, whose ``unknowns`` (instance_count, n) these are."""
         if not self._guess:
-            places = np.array(list(self._points), dtype=int)
-            return self._on(places, taken(self._points, places), self._inputs)
+            return self._on(self._points, self._inputs)
         guess, self._guess = self._guess, {}
         outcome, found = self._none()
         if (method := self._method()) is not None:
@@ -82,29 +82,40 @@ class LastStates:
     def rescue(self, lost: BoolArray, unknowns: FloatArray, before: FloatArray) -> tuple[Outcome, BoolArray]:
         """The same of some that are ``lost``, from the last sample's ``unknowns`` (instance_count, n), found at the inputs
         ``before`` (instance_count, k)."""
-        places = np.flatnonzero(lost)
-        return self._on(places, unknowns[places], before)
+        places, now = np.flatnonzero(lost), self._problem.read("inputs")
+        if not len(places) or (method := self._method()) is None:
+            return self._none()
+        self._problem.write("inputs", before)
+        part = self._part(places)
+        part.write("unknowns", unknowns[places])
+        last = placed(method.states(part, np.arange(len(places))), places)
+        self._problem.write("inputs", now)
+        return self._on(last, before)
 
-    def _on(self, places: IntArray, last: FloatArray | dict[int, Breakpoints], before: FloatArray) -> tuple[Outcome, BoolArray]:
+    def _on(self, last: dict[int, Breakpoints], before: FloatArray) -> tuple[Outcome, BoolArray]:
         """Some, on their branches from where they were ``last``, at the inputs ``before``, by steps of the inputs in which no two
-        modes vanish."""
+        modes vanish, and which are halved where they lead nowhere."""
         problem = self._problem
         outcome, found = self._none()
-        if not len(places) or (method := self._method()) is None:
+        if not last or (method := self._method()) is None:
             return outcome, found
-        now, here = problem.read("inputs"), before
+        places, now, here = np.array(list(last)), problem.read("inputs"), before.copy()
+        most, halved = min(self._options.max_integrations, IN_ALL), np.zeros(problem.instance_count)
         try:
             while len(places):
-                share = self._share(here, now)
+                share = self._share(here, now) * 0.5**halved
                 ahead = np.where(share[:, None] < 1, here + share[:, None] * (now - here), now)
                 problem.write("inputs", ahead)
                 part = self._part(places)
-                left = np.minimum(self._options.max_integrations - outcome.integrations[places], ATTEMPT)
-                mine, points = method.resume_branch(part, last, here[places], left)
-                there = share[places] == 1
+                left = np.minimum(most - outcome.integrations[places], ATTEMPT)
+                mine, points = method.resume_branch(part, taken(last, places), here[places], left)
+                good, there = _good(mine), share[places] == 1
                 self._take(places, part, mine, points, outcome, found, there)
-                goes_on = np.flatnonzero(~there & _good(mine))
-                places, last, here = places[goes_on], taken(points, goes_on), ahead
+                last |= placed(taken(points, np.flatnonzero(good)), places[good])
+                here[places[good]] = ahead[places[good]]
+                halved[places] = np.where(good, np.maximum(halved[places] - 1, 0), halved[places] + 1)
+                goes_on = (halved[places] <= HALVINGS) & (outcome.integrations[places] < most)
+                places = places[np.where(good, ~there, goes_on)]
         finally:
             problem.write("inputs", now)
         return outcome, found
