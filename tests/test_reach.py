@@ -553,7 +553,7 @@ def hexapod_start():
     ("changes", "error", "message"),
     [
         ({"target": (0, 0, 1)}, TypeError, "target = .* must be a Pose"),
-        ({"target": mr.Pose(position=(0, 0, np.nan))}, ValueError, "target = .* must be finite"),
+        ({"target": mr.Pose(position=(0, 0, np.nan))}, ValueError, r"target\.position = .* must be finite"),
         ({"target": mr.Pose(position=np.zeros((2, 3))), "inputs": MOTION[:3]}, ValueError, "target = leading axes"),
         ({"free": ("rotation", "force_point")}, TypeError, "free takes no 'force_point'"),
         ({"free": ()}, ValueError, "free = .* must name one input or several"),

@@ -33,6 +33,7 @@ from multirod.validation import (
     FloatArray,
     choice,
     device_name,
+    first_of,
     instance,
     positive_float,
     positive_int,
@@ -104,8 +105,10 @@ def reach(
     if not target.ordinary:
         plausibility.of_place("target.position", target.position)
         if not target.whole:
-            says = "must be finite: NaN is for a measurement that is missing"
-            refuse("target", target, f"{says}; anywhere along a direction is Pose(position=..., across=direction)")
+            name, value = next((name, own) for name in target.given if not np.isfinite(own := getattr(target, name)).all())
+            says = "must be finite: NaN is for a measurement that is missing; a batch has no instance without a target"
+            along = "anywhere along a direction is Pose(position=..., across=direction)"
+            refuse(f"target.{name}", first_of(~np.isfinite(value), value, value), f"{says}; {along}")
     if target.measures or target.at is not None:
         refuse("target", target, "must be without sigma, covariance and at, which are of measurements")
     if guess is not None:
