@@ -125,8 +125,24 @@ def between_balls(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np
     for own in (force, weight):
         free &= _lie_along(own, chord)
     if problem.holders.slide is not None:
-        free &= ~(pushed | heavy) | _lie_along(frame @ problem.holders.slide, chord)
+        guide = frame @ problem.holders.slide
+        free &= np.where(pushed | heavy, _lie_along(guide, chord), ~_slides_straight(problem, guide, chord))
     return between, free
+
+
+def _slides_straight(problem: "HeldProblem", guide: FloatArray, chord: FloatArray) -> NDArray[np.bool_]:
+    """(28b) Which round rods whose ends slide along ``guide`` stay straight under their thrust, shape (instance_count,)."""
+    along = (chord * guide).sum(axis=1) / np.maximum(np.linalg.norm(chord, axis=1), 1e-300)
+    force = problem.read("inputs")[:, problem.table.tip_loads :][:, :3]
+    thrust = -(force * guide).sum(axis=1) * np.sign(along)
+    most = np.pi**2 * least_bending_stiffness(problem) * np.abs(along)
+    below = thrust * problem.length_in_use() ** 2 <= most
+    return np.asarray(below & (problem.table.balls.numpy() == ROUND_IN_BALLS))
+
+
+def least_bending_stiffness(problem: "HeldProblem") -> FloatArray:
+    """Of all along the rod [N m^2], shape (instance_count,)."""
+    return np.asarray(problem.rod.each(problem.rod.arrays.material[..., :2].min(axis=(1, 2, 3))))
 
 
 def from_clamp(problem: "HeldProblem") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

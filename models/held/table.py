@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from multirod.kernels.warp_types import Array, Struct
 from multirod.models.backbone.units import unit_stiffness
-from multirod.models.held.costless import in_balls, least_loads
+from multirod.models.held.costless import in_balls, least_bending_stiffness, least_loads
 from multirod.models.held.holders import POSE_INPUTS, TIP_LOADS
 from multirod.models.held.kernels.arguments import ALONG, Held
 
@@ -28,7 +28,7 @@ def make_table(problem: "HeldProblem", pieces: int) -> Struct:
     held.rod_inputs = rod.input_count - 1
     held.along = rod.input_slice(ALONG[0]).start
     held.tip_loads = rod.input_slice(TIP_LOADS[0]).start
-    held.pose = problem.input_slice(POSE_INPUTS[0]).start
+    held.pose, held.translation = (problem.input_slice(name).start for name in (POSE_INPUTS[0], "translation"))
 
     def array(values: ArrayLike, dtype: type) -> Array:
         kind = np.int32 if dtype is wp.int32 else np.float64
@@ -39,6 +39,7 @@ def make_table(problem: "HeldProblem", pieces: int) -> Struct:
     held.rest_position, held.rest_turn = array(problem.end_position, wp.vec3d), wp.zeros(count, dtype=wp.vec3d, device=device)
     held.swing = wp.zeros(count, dtype=wp.vec3d, device=device)
     held.length, held.stiffness = array(problem.length, wp.float64), array(problem.stiffness, wp.float64)
+    held.soft = array(least_bending_stiffness(problem), wp.float64)
     held.moment_unit = array(1 / unit_stiffness(rod.each(rod.arrays.material[:, 0, 0])), wp.vec3d)
     held.base_curvature = array(rod.each(rod.arrays.precurvature[:, 0, 0, :3]), wp.vec3d)
     held.joint, held.axis = holders.joint, wp.vec3d(*holders.axis)

@@ -29,6 +29,7 @@ class Held:
     along: int  # where ALONG begin
     tip_loads: int  # tip_force, then tip_moment
     pose: int  # end_position, then end_rotation
+    translation: int
     problem: ProblemArrays
     # geometry
     base_frame: wp.array[wp.mat33d]  # of the base's holder
@@ -39,6 +40,7 @@ class Held:
     swing: wp.array[wp.vec3d]  # (2b) rotation vector from the line between base and end at rest to that at the full load
     length: wp.array[wp.float64]  # scales
     stiffness: wp.array[wp.float64]
+    soft: wp.array[wp.float64]  # the least bending stiffness along the rod
     moment_unit: wp.array[wp.vec3d]  # curvature per base moment
     base_curvature: wp.array[wp.vec3d]  # where that is zero
     joint: int

@@ -1,6 +1,8 @@
 # mypy: ignore-errors
 """(28) of ``docs/held.md``: turns of a rod whose base is in a ball that cost nothing, and what holds these."""
 
+from math import pi
+
 import warp as wp
 
 from multirod.models.held.kernels.arguments import BALL_AND_CLAMP, FIELD, FORCE, ROUND_IN_BALLS, TORQUE, WEIGHT, Held
@@ -9,6 +11,17 @@ from multirod.models.joint_kernels import column_of, vector
 from multirod.models.rotation_kernels import rotation_from_vector
 
 f64 = wp.float64
+
+
+@wp.func
+def slides_straight(held: Held, b: int, chord: wp.vec3d) -> bool:
+    """(28b) Whether a round rod whose end slides, and which is not pushed along itself, stays straight under its thrust."""
+    frame = rotation_from_vector(vector(held.problem.inputs, b, held.pose + 3)) * held.end_frame[b]
+    guide = column_of(frame * held.guide, 2)
+    along = wp.dot(chord, guide) / wp.max(wp.length(chord), f64(1e-300))
+    thrust = -wp.dot(vector(held.problem.inputs, b, held.tip_loads), guide) * wp.sign(along)
+    length = held.length[b] + held.problem.inputs[b, held.translation]
+    return thrust * length * length <= f64(wp.static(pi**2)) * held.soft[b] * wp.abs(along)
 
 
 @wp.func
@@ -32,6 +45,8 @@ def weights(held: Held, b: int) -> wp.vec2d:
     if held.slides != 0 and (pushed or heavy):
         frame = rotation_from_vector(vector(held.problem.inputs, b, held.pose + 3)) * held.end_frame[b]
         free = free and lies_along(column_of(frame * held.guide, 2), chord)
+    if held.slides != 0 and held.balls[b] == wp.static(ROUND_IN_BALLS) and not (pushed or heavy):
+        free = free and not slides_straight(held, b, chord)
     turn = wp.where(free, f64(1.0), leading(held, b))
     # clamps along the rod tell of its spin
     spins = held.balls[b] == wp.static(ROUND_IN_BALLS) and held.clamped == 0
