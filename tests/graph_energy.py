@@ -301,9 +301,22 @@ class Graph:
             if np.abs(gaps * held).max(initial=0.0) < 1e-3 * unit:
                 break
             stiff = 3 * stiff
+        self.ended = state
         graph, state = self._without_loose(state)
         found = graph.settled(state)
         return found if found is not None and found[1] == 0 else None
+
+    def astray(self):
+        """What goes on and on where descent ended; empty if that is not known."""
+        y, found = self.ended[1], []
+        for part in self.parts:
+            pieces = {link[4] for link in part.links if part.rod["holes"]}
+            found += ["is pulled out of a hole"] if any(self.length_of(piece, y) < 0.05 * self.length for piece in pieces) else []
+            for end, at in zip((part.rod["base"], part.rod["tip"]), part.coordinates, strict=False):
+                count = 0 if end is None else len(end["axes"])
+                found += ["turns on and on"] if np.abs(y[at[:count]]).max(initial=0.0) > 2 * np.pi else []
+                found += ["slides away"] if np.abs(y[at[count:]]).max(initial=0.0) > self.length else []
+        return ", ".join(sorted(set(found)))
 
     def _without_loose(self, state):
         """The same where lines that hang loose have no tension."""

@@ -49,20 +49,27 @@ def _by_energy(lot, drawn, solution, seed, segments, aside):
     coarse = rods.settled(state)
     if coarse is None:
         return None
-    finer, state = rods.refined(coarse[0])
-    fine = finer.settled(state)
-    if fine is None:
-        return None
     length = np.mean([rod.length for rod in drawn.robot.rods])
     own = np.array([solution.body_position(name) for name in drawn.bodies])
-    one, two = rods.positions(coarse[0]), finer.positions(fine[0])
+    one = rods.positions(coarse[0])
+    # from where the coarse one is; where that leads nowhere, or elsewhere, as it has kinks, from the solution again
+    for begin in (lambda: rods.refined(coarse[0]), lambda: lot.state_of(drawn, solution, 2 * segments, aside, seed)):
+        finer, state = begin()
+        fine = finer.settled(state)
+        if fine is not None and np.abs(finer.positions(fine[0]) - one).max() <= FAR * length:
+            break
+    if fine is None:
+        return None
+    two = finer.positions(fine[0])
     return np.abs(two - own).max() / length, np.abs((4 * two - one) / 3 - own).max() / length, fine[1], fine[2]
 
 
-def has_reference(drawn):
-    """Whether the energy has a minimum that descent finds."""
+def reference(drawn):
+    """Whether the energy has a minimum that descent finds, and what is known of why not."""
     rods = drawn.rods(COARSE)
-    return rods.descended(rods.straight(drawn.places)) is not None
+    found = rods.descended(rods.straight(drawn.places)) is not None
+    astray = "" if found or not hasattr(rods, "astray") else rods.astray()
+    return found, f"no minimum is found{': something ' if astray else ''}{astray}"
 
 
 def main() -> None:
@@ -89,9 +96,9 @@ def main() -> None:
         spent.append(time.process_time() - start)
         statuses[solution.status.name] += 1
         if solution.status.failed:
-            there = drawn.potential and has_reference(drawn)
+            there, none = reference(drawn) if drawn.potential else (False, "loads without a potential")
             missed += [seed] if there else []
-            why = "with a minimum" if there else "no minimum is found" if drawn.potential else "loads without a potential"
+            why = "with a minimum" if there else none
             print(f"{seed}: {solution.status.name}, {len(drawn.names)} rods, {spent[-1]:.1f} s, {why}", flush=True)
             continue
         verdicts[solution.stability.name] += 1
