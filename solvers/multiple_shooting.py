@@ -88,12 +88,13 @@ class MultipleShooting(Solver):
         results = paths.solve_from(guess, points)
         return self._report(problem, paths, results, natural=False), results.points()
 
-    def states(self, problem: BoundaryProblem, instances: IntArray) -> dict[int, Breakpoints]:
-        """Breakpoints of some instances, (k,), that their unknowns lead to, and between which nothing is amplified by much."""
+    def states(self, problem: BoundaryProblem, instances: IntArray, steps: IntArray | None = None) -> dict[int, Breakpoints]:
+        """Breakpoints of some instances, (k,), that their unknowns lead to, and between which nothing is amplified by much; by so
+        many equal ``steps`` from base to tip, (k,), as ``go_on`` has them, those of the integrator by default."""
         count = len(instances)
         paths = self._paths(problem, instances, np.full(count, self.max_integrations))
-        steps = np.full(count, self.integrator.steps or 0)
-        place = paths.begin(problem.read("unknowns")[instances], np.ones(count), steps)
+        given = np.full(count, self.integrator.steps or 0) if steps is None else steps.astype(np.intp)
+        place = paths.begin(problem.read("unknowns")[instances], np.ones(count), given)
         points = {k: place.cuts.points(at) for at, k in enumerate(instances.tolist()) if place.found.fault[at] == 0}
         if not points or paths.segments.end_held:  # whose conditions hold what symmetry leaves neutral
             return points

@@ -81,6 +81,24 @@ def test_a_motion_presses_a_column_far_and_lets_it_go():
     assert (history.integrations[12:30] < 60).all()
 
 
+def test_one_sample_presses_a_column_far_and_others_go_on():
+    """At 300 at once it was ``BRANCH_END``, as every sample after it; from the event on it goes by states."""
+    robot, load = column(), np.array([0, 300, 320, 1000, 0.5, 500])
+    history = mr.simulate(robot, robot.inputs(tip_force=load[:, None] * np.array([0, 0, -1.0])), time=np.arange(6.0))
+    history.raise_if_failed()
+    assert history.status[[1, 5]].tolist() == [mr.Status.BIFURCATED] * 2
+    assert [[event.neutral for event in sample] for sample in history.events] == [[], [1], [], [], [], [1]]
+    critical = [sample[0].time for sample in history.events if sample]
+    np.testing.assert_allclose(critical, (np.pi**2 / 4 / 300, 4 + (np.pi**2 / 4 - 0.5) / 499.5), rtol=0, atol=1e-6)
+    found = history.tip_position[[1, 2, 3, 5]]
+    expected = np.array([elastica(own) for own in load[[1, 2, 3, 5]]])
+    np.testing.assert_allclose(np.stack([np.hypot(*found.T[:2]), found[:, 2]], axis=1), expected, rtol=0, atol=1e-8)
+    assert history.integrations.max() < 350
+    tracker = mr.Tracker(robot, inputs=robot.inputs(tip_force=(0, 0, 0)))
+    for k, force in enumerate(load):
+        np.testing.assert_array_equal(tracker.step(tip_force=(0, 0, -force)).tip_position, history.tip_position[k])
+
+
 def test_a_guess_by_states_is_not_turned():
     robot = column()
     known = mr.solve(robot, robot.inputs(tip_force=(0, 0, -300)))

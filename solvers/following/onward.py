@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.problem import BoundaryProblem
+from multirod.segments import placed
 from multirod.solver import Outcome
 from multirod.solvers.following.follow import follow
 from multirod.solvers.following.journey import Journey
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.newton.iteration import Newton
-from multirod.status import BoolArray, IntArray, Status, failures
+from multirod.solvers.segments.by_inputs import change_inputs
+from multirod.status import NOT_RUN, BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -62,7 +64,7 @@ def go_on(
     if options.at_fold == "stop" or not lost.any():
         return
     creeping = lost & (outcome.status == Status.MAX_ITERATIONS)
-    segmented = options.fallback and before is None and not in_segments(options).unsupported(problem)
+    segmented = options.fallback and not in_segments(options).unsupported(problem)
 
     def followed(some: BoolArray, allowed: IntArray, loud: float) -> dict[int, Journey]:
         noisy = follow(
@@ -82,7 +84,7 @@ def go_on(
             loud=loud,
         )
         if segmented:
-            _in_segments(options, problem, outcome, noisy)
+            _in_segments(options, problem, outcome, noisy, before)
         return noisy
 
     most = outcome.left_of(options.max_integrations) if left is None else left
@@ -95,15 +97,51 @@ def go_on(
     outcome.status[creeping & (outcome.status == Status.BRANCH_END)] = Status.MAX_ITERATIONS  # it did not end there
 
 
-def _in_segments(options: "Shooting", problem: BoundaryProblem, outcome: Outcome, lost: Mapping[int, Journey]) -> None:
+def _in_segments(
+    options: "Shooting", problem: BoundaryProblem, outcome: Outcome, lost: Mapping[int, Journey], before: FloatArray | None
+) -> None:
     """Let the instances of journeys that rounding has ended, or led astray, go on in segments from where that is not so."""
     neutral = {k: own.events[-1].neutral if own.events else 0 for k, own in lost.items()}
     for modes in sorted(set(neutral.values())):
         some = {k: own for k, own in lost.items() if neutral[k] == modes}
         ends = {k: (own.lost.unknowns, own.lost.level, own.steps) for k, own in some.items() if own.lost is not None}
-        tried = in_segments(options).go_on(problem, outcome, ends, outcome.left_of(options.max_integrations), modes)
+        left = outcome.left_of(options.max_integrations)
+        if before is None:
+            tried = in_segments(options).go_on(problem, outcome, ends, left, modes)
+        else:
+            tried = _by_inputs(options, problem, outcome, ends, left, before)
         position = problem.read("position")
-        for k in np.flatnonzero(~failures(tried)).tolist():
+        for k in np.flatnonzero(~failures(tried) & (tried != NOT_RUN)).tolist():
             outcome.status[k], outcome.events[k] = some[k].said, some[k].told(position[k])
             if modes:
                 outcome.turning.add(k)
+
+
+def _by_inputs(
+    options: "Shooting",
+    problem: BoundaryProblem,
+    outcome: Outcome,
+    ends: Mapping[int, tuple[FloatArray, float, int]],
+    left: IntArray,
+    before: FloatArray,
+) -> IntArray:
+    """The same of a motion, in steps of the inputs from the part of the way from those ``before`` where each was; how each ended,
+    (instance_count,)."""
+    if not ends or problem.parts is None:
+        return np.full(problem.instance_count, NOT_RUN)
+    method, places, now = in_segments(options), np.array(list(ends)), problem.read("inputs")
+    unknowns, level, steps = (np.array(values) for values in zip(*ends.values(), strict=True))
+    start = before.copy()
+    start[places] += level[:, None] * (now - before)[places]
+    problem.write("inputs", start)
+    part = problem.parts.of(places, double=True)
+    part.write("unknowns", unknowns)
+    last = placed(method.states(part, np.arange(len(places)), steps), places)
+    problem.write("inputs", now)
+    again, points = change_inputs(method, problem, last, start, left)
+    found = list(points)
+    outcome.status[found] = again.status[found]
+    outcome.iterations += again.iterations
+    outcome.integrations += again.integrations
+    outcome.breakpoints |= again.breakpoints
+    return again.status

@@ -8,24 +8,14 @@ from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, placed, taken
 from multirod.solver import Outcome
-from multirod.solvers.continuation.paths import GROWTH, SAFE_LOAD
 from multirod.solvers.following.onward import in_segments
 from multirod.solvers.multiple_shooting import NOISY, MultipleShooting
-from multirod.status import NOT_RUN, BoolArray, failures
+from multirod.solvers.segments.by_inputs import ATTEMPT, change_inputs, good
+from multirod.status import BoolArray, failures
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
     from multirod.solvers.shooting import Shooting
-
-ATTEMPT = 40  # integrations that a step may take: it takes 10 to 20, or fails
-HALVINGS = 8  # of a step of the inputs
-IN_ALL = 300  # integrations that a sample may take so: from the unloaded rod it takes as many
-
-
-def unsafe(problem: BoundaryProblem, change: FloatArray) -> BoolArray:
-    """Whether loads have changed by so much, (instance_count,), to what they are that modes may have vanished in pairs."""
-    nothing = np.zeros_like(problem.read("inputs"))
-    return np.asarray(change > np.maximum(SAFE_LOAD, GROWTH * problem.load_change(nothing)))
 
 
 class LastStates:
@@ -76,7 +66,13 @@ class LastStates:
             places = np.array(sorted(guess))
             part, left = self._part(places), np.full(len(places), min(self._options.max_integrations, ATTEMPT))
             mine, points = method.resume(part, unknowns[places], taken(guess, places), left)
-            self._take(places, part, mine, points, outcome, found)
+            some = np.flatnonzero(good(mine))
+            self._problem.keep(part, places[some], some)
+            outcome.status[places], outcome.iterations[places] = mine.status, mine.iterations
+            outcome.integrations[places] = mine.integrations
+            outcome.breakpoints |= placed(taken(mine.breakpoints, some), places[some])
+            self._now |= placed(taken(points, some), places[some])
+            found[places[some]] = True
         return outcome, found
 
     def rescue(self, lost: BoolArray, unknowns: FloatArray, before: FloatArray) -> tuple[Outcome, BoolArray]:
@@ -93,45 +89,14 @@ class LastStates:
         return self._on(last, before)
 
     def _on(self, last: dict[int, Breakpoints], before: FloatArray) -> tuple[Outcome, BoolArray]:
-        """Some, on their branches from where they were ``last``, at the inputs ``before``, by steps of the inputs in which no two
-        modes vanish, and which are halved where they lead nowhere."""
-        problem = self._problem
+        """Some from breakpoints where they were ``last``, at the inputs ``before``, (instance_count, k)."""
         outcome, found = self._none()
-        if not last or (method := self._method()) is None:
-            return outcome, found
-        places, now, here = np.array(list(last)), problem.read("inputs"), before.copy()
-        most, halved = min(self._options.max_integrations, IN_ALL), np.zeros(problem.instance_count)
-        try:
-            while len(places):
-                share = self._share(here, now) * 0.5**halved
-                ahead = np.where(share[:, None] < 1, here + share[:, None] * (now - here), now)
-                problem.write("inputs", ahead)
-                part = self._part(places)
-                left = np.minimum(most - outcome.integrations[places], ATTEMPT)
-                mine, points = method.resume_branch(part, taken(last, places), here[places], left)
-                good, there = _good(mine), share[places] == 1
-                self._take(places, part, mine, points, outcome, found, there)
-                last |= placed(taken(points, np.flatnonzero(good)), places[good])
-                here[places[good]] = ahead[places[good]]
-                halved[places] = np.where(good, np.maximum(halved[places] - 1, 0), halved[places] + 1)
-                goes_on = (halved[places] <= HALVINGS) & (outcome.integrations[places] < most)
-                places = places[np.where(good, ~there, goes_on)]
-        finally:
-            problem.write("inputs", now)
+        if last and (method := self._method()) is not None:
+            allowed = np.full(len(found), self._options.max_integrations)
+            outcome, points = change_inputs(method, self._problem, last, before, allowed)
+            self._now |= points
+            found[list(points)] = True
         return outcome, found
-
-    def _share(self, here: FloatArray, now: FloatArray) -> FloatArray:
-        """How much of the way between two inputs (instance_count, k) is one step, shape (instance_count,)."""
-        problem, share = self._problem, np.ones(len(now))
-        problem.write("inputs", now)
-        change = problem.load_change(here)
-        for _ in range(HALVINGS):
-            far = unsafe(problem, share * change)
-            if not far.any():
-                break
-            share[far] *= 0.5
-            problem.write("inputs", here + share[:, None] * (now - here))
-        return share
 
     def _method(self) -> MultipleShooting | None:
         """By segments; None where the problem has none."""
@@ -146,28 +111,3 @@ class LastStates:
     def _none(self) -> tuple[Outcome, BoolArray]:
         """Nothing done, and nothing found."""
         return Outcome.zeros(self._problem.instance_count), np.zeros(self._problem.instance_count, dtype=bool)
-
-    def _take(
-        self,
-        places: IntArray,
-        part: BoundaryProblem,
-        mine: Outcome,
-        points: dict[int, Breakpoints],
-        outcome: Outcome,
-        found: BoolArray,
-        there: BoolArray | None = None,
-    ) -> None:
-        """Take over what a part of the problem found of the instances at ``places``, where it is ``there``."""
-        good = np.flatnonzero(_good(mine) if there is None else _good(mine) & there)
-        self._problem.keep(part, places[good], good)
-        outcome.status[places] = mine.status
-        outcome.iterations[places] += mine.iterations
-        outcome.integrations[places] += mine.integrations
-        outcome.breakpoints |= placed(taken(mine.breakpoints, good), places[good])
-        self._now |= placed(taken(points, good), places[good])
-        found[places[good]] = True
-
-
-def _good(outcome: Outcome) -> BoolArray:
-    """Which instances were found, and on their branches."""
-    return np.asarray(~failures(outcome.status) & (outcome.status != NOT_RUN))

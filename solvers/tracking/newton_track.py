@@ -15,10 +15,11 @@ from multirod.solvers.following.onward import go_on
 from multirod.solvers.multiple_shooting import NOISY
 from multirod.solvers.newton.iteration import UNLIMITED
 from multirod.solvers.newton.newton_kernels import FORGOTTEN, Sample
+from multirod.solvers.segments.by_inputs import unsafe
 from multirod.solvers.starting.cold_start import ColdStart
 from multirod.solvers.starting.letting_out import let_out, loosened
 from multirod.solvers.tracking.bends import SAME, bent, ended
-from multirod.solvers.tracking.by_states import LastStates, unsafe
+from multirod.solvers.tracking.by_states import LastStates
 from multirod.solvers.tracking.kinks import passed_kinks
 from multirod.stability import modes_of
 from multirod.status import BoolArray, Status, failures
