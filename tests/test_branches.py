@@ -567,3 +567,20 @@ def test_a_sample_does_not_pass_two_bifurcations_unseen(samples, most):
     critical = 4.0126 * np.sqrt(0.02 * 6.1378e-3) / 0.3**2
     ((event,), *_) = (sample for sample in history.events if sample)
     assert event.time == pytest.approx(critical / most, rel=0.05)
+
+
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # which says that it is hardly meant
+@pytest.mark.parametrize("twist", [0.01, 1.0, 3.0])
+def test_a_column_that_is_twisted_at_rest_is_not_left_standing(twist):
+    """Errors of the integration turn ``Gamma`` where both its modes would vanish: it stood, ``CONVERGED`` and unstable."""
+    robot = mr.SingleRod(mr.Rod(length=1, bending_stiffness=1, torsional_stiffness=0.7, precurvature=(0, 0, twist)))
+    force = np.array([0, 3.75])[:, None] * np.array([0, 0, -1.0])
+    finer = mr.Shooting(integrator=mr.RK4(400))
+    for solver in (mr.Shooting(), finer):
+        solution = mr.solve(robot, robot.inputs(tip_force=force[1]), solver=solver)
+        sample = mr.simulate(robot, robot.inputs(tip_force=force), time=[0.0, 1.0], solver=solver)[1]
+        for found in (solution, sample):
+            assert found.failed or found.status == mr.Status.BIFURCATED
+            if solver is finer:
+                # as one that is not twisted: elliptic integrals
+                np.testing.assert_allclose(np.hypot(*found.tip_position[:2]), 0.791754894, rtol=0, atol=1e-7)

@@ -11,6 +11,7 @@ from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Left, Outcome
 from multirod.solvers.continuation.natural import let_go, natural_branch
 from multirod.solvers.continuation.pace import ROUNDED_OFF, UNASKED
+from multirod.solvers.following.descent import SOFT
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.following.walk import NOISY
@@ -21,6 +22,7 @@ from multirod.solvers.starting.letting_out import let_out, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.starting.releasing import Releasing
 from multirod.solvers.starting.standing_in import Eased, solve_stand_ins
+from multirod.stability import modes_of
 from multirod.stand_in import StandIn
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
 # by which a loose network may end that no other way led to a result
 WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
+MANY = 32  # integrations on a natural branch: what goes round where two modes vanish takes 44 to 95
 LARGEST = 700.0  # exponent of a number
 # of each instance, beside its outcome, where loads could not be raised further
 KNOWN = ("handed", "tried", "ends", "unbounded", "slack", "eased")
@@ -111,6 +114,7 @@ class ColdStart:
             handed = self.handed if self.options.fallback else None
             self.outcome = outcome = natural_branch(problem, newton, self.options.max_continuation_steps, self.chosen, handed)
             self.ends = problem.read("unknowns")
+            self._leave_unstable(outcome)
             if not outcome.all_converged:
                 self._note_ends(outcome)
             newton.allow(self._allowed)
@@ -119,6 +123,16 @@ class ColdStart:
             if not outcome.all_converged:
                 self._let_out()
             refuse_unstable(problem, outcome, self.chosen)
+
+    def _leave_unstable(self, outcome: Outcome) -> None:
+        """Have those followed from where loads are raised that came in many steps to what is unstable, as past modes that vanish
+        together where errors of the integration turn ``Gamma``: equal steps, which err less, end there."""
+        some = self.chosen & ~failures(outcome.status) & (outcome.integrations > MANY)
+        if self._multistable or self.problem.joints is not None or outcome.reached is None or not some.any():
+            return
+        if (lost := falling(self.problem, outcome, some)).any():
+            outcome.status[lost], outcome.reached[lost] = Status.BRANCH_END, 0.0
+            self.ends[lost] = self.problem.guess()[lost]
 
     def _note_ends(self, outcome: Outcome) -> None:
         """Which crept, and which are not to be tried by other ways, as the natural branch says."""
@@ -341,6 +355,17 @@ class ColdStart:
         lost = np.isin(outcome.status, WITHOUT_REASON)
         if lost.any():
             outcome.status[lost & self.problem.is_loose()] = Status.LOOSE
+
+
+def falling(problem: BoundaryProblem, outcome: Outcome, some: BoolArray) -> BoolArray:
+    """Which of some, (instance_count,), are unstable at the unknowns and inputs in the problem's buffers; an integration each."""
+    places, parts, stability = np.flatnonzero(some), problem.parts, problem.stability
+    result = np.zeros_like(some)
+    if not len(places) or parts is None or stability is None:
+        return result
+    outcome.integrations[places] += 1
+    result[places] = (modes_of(parts.of(places)).eigenvalue(0) < -SOFT) & stability.has_potential[places]
+    return result
 
 
 def _amplifies(problem: BoundaryProblem, some: BoolArray, unknowns: FloatArray, level: FloatArray) -> BoolArray:

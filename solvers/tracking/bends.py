@@ -10,6 +10,7 @@ from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.following.follow import FINER
 from multirod.solvers.newton.iteration import Newton
+from multirod.solvers.starting.cold_start import falling
 from multirod.status import BoolArray, Status, failures
 from multirod.validation import FloatArray
 
@@ -22,6 +23,13 @@ def bent(paths: Paths, outcome: Outcome, calm: BoolArray, ahead: FloatArray, fou
     to others, ``found``, in steps as short as such a bend asks for; unknowns [1/m], (instance_count, n)."""
     apart = ~np.isclose(ahead, found, rtol=SAME, atol=SAME).all(axis=1)
     return np.asarray(calm & apart & ~failures(outcome.status) & (paths.state.steps.numpy() > MANY))
+
+
+def passed_unstable(problem: BoundaryProblem, paths: Paths, outcome: Outcome, some: BoolArray) -> BoolArray:
+    """Which of some, (instance_count,), have gone round where modes vanish together, in as short steps, to what is unstable: of a
+    round rod that is twisted at rest ``Gamma`` turns by the error of the integration where it would vanish."""
+    lost = some & ~failures(outcome.status) & (paths.state.steps.numpy() > MANY)
+    return falling(problem, outcome, lost)
 
 
 def ended(

@@ -18,7 +18,7 @@ from multirod.solvers.newton.newton_kernels import FORGOTTEN, Sample
 from multirod.solvers.segments.by_inputs import unsafe
 from multirod.solvers.starting.cold_start import ColdStart
 from multirod.solvers.starting.letting_out import let_out, loosened
-from multirod.solvers.tracking.bends import SAME, bent, ended
+from multirod.solvers.tracking.bends import SAME, bent, ended, passed_unstable
 from multirod.solvers.tracking.by_states import LastStates
 from multirod.solvers.tracking.kinks import passed_kinks
 from multirod.stability import modes_of
@@ -271,7 +271,7 @@ class NewtonTrack(Track):
         again = paths.change_inputs(doubtful, before, *last, safe_step=safe)
         self._take_in(doubtful, again, outcome)
         reached, ends = again.reached, self.problem.read("unknowns")
-        short = bent(paths, again, calm, ahead, ends)
+        short = bent(paths, again, calm, ahead, ends) | (falls := passed_unstable(self.problem, paths, outcome, doubtful))
         stuck = doubtful & failures(again.status)
         if len(self.problem.kinks) and stuck.any() and (stuck := stuck & paths.at_kink()).any():
             # Gamma jumps there however short the steps are
@@ -289,6 +289,7 @@ class NewtonTrack(Track):
             self.edge |= over & (outcome.status == _CONVERGED)
         if short.any():
             self._straighten(short, outcome, before, last[0], safe)
+            outcome.status[falls & (outcome.status == _CONVERGED)] = Status.BRANCH_END
 
     def _straighten(self, short: BoolArray, outcome: Outcome, before: FloatArray, last: FloatArray, safe: FloatArray) -> None:
         """Let those that went round a bend in ``short`` steps leave where a branch ends there by finer equations."""
