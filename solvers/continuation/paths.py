@@ -246,11 +246,11 @@ class Paths:
         state = self.state
         self._set("active", chosen)
         self._set("status", np.where(chosen, NOT_RUN, CONVERGED))
-        for name in ("iterations", "integrations", "steps", "halved", "surprised", "rough", "probed", "levels"):
+        for name in ("iterations", "integrations", "halved", "surprised", "rough", "probed", "levels"):
             self._set(name, 0)
+        self._set("steps", np.where(chosen, 0, self._get("steps")))  # of the others they are asked for afterwards
         self._set("known", known)
-        brief = chosen & self._brief
-        self._set("brief", brief)
+        self._set("brief", brief := chosen & self._brief)
         self._set("coarsely", brief & (known == 0))  # what starts straight is integrated as well by any steps
         state.departing = int(known > 0)
 
