@@ -438,3 +438,27 @@ def test_shapes_far_from_the_robot_as_it_is_are_left_out_first():
     off = np.append(fit.value("precurvature")[::3] - 1.1 * np.array([12, 7, 3.5]), fit.value("bending_stiffness")[1] - 0.9)
     # four numbers, each within four deviations
     assert (np.abs(off) < 4 * np.append(fit.sigma("precurvature")[::3], fit.sigma("bending_stiffness")[1])).all()
+
+
+@pytest.mark.parametrize(("stiffness", "bent"), [(0.03, 0.0), (0.03, 0.001), (0.02, 0.0), (0.013, 0.0)])
+def test_a_fit_from_a_straight_rod_ends_where_one_from_a_bent_rod_does(stiffness, bent):
+    """(13c) How a straight rod is twisted at rest tips do not tell: the first step wound it a thousand times, and after as many
+    integrations of such rods the fit was ``STALLED``, and what is seen was said to be hardly so."""
+
+    def made(EI, precurvature):
+        return mr.SingleRod(mr.Rod(length=0.3, bending_stiffness=EI, torsional_stiffness=0.0125, precurvature=precurvature))
+
+    force = np.random.default_rng(0).normal(0, 0.15, (10, 3))
+    real = made(0.023, (6, 2, 0))
+    tips = mr.solve(real, real.inputs(tip_force=force)).tip_position
+    seen = mr.Pose(position=tips + np.random.default_rng(1).normal(0, 5e-4, tips.shape), sigma=5e-4)
+    found = []
+    for EI, precurvature in ((0.02, (5, 0, 0)), (stiffness, (bent, 0, 0))):
+        robot = made(EI, precurvature)
+        names = ("bending_stiffness", "precurvature")
+        fit = mr.calibrate(robot, robot.inputs(tip_force=force), parameters=names, measured=seen).raise_if_failed()
+        found.append([EI * fit.value("bending_stiffness")[0], *fit.value("precurvature")])
+    assert fit.integrations < 40
+    spread = np.array([stiffness * fit.sigma("bending_stiffness")[0], *fit.sigma("precurvature")])
+    assert np.abs(np.subtract(*found) / spread).max() < 0.03  # each ends where a step is less than a hundredth of it
+    assert np.abs((np.array(found[1]) - (0.023, 6, 2, 0)) / spread).max() < 4

@@ -29,6 +29,7 @@ from multirod.validation import FloatArray
 
 LEFT_OUT = 0.25  # of the shapes, of those that are far from the robot as it is
 ASTRAY = 2  # halvings of a step from what is no equilibrium
+FAR = 10.0  # times what a number may well be off, that it may be changed by
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,7 @@ class Fit:
         self.squares = self.first = np.zeros(len(self.x))
         self.odd: Odd | None = None
         self.covariance = np.full((len(self.p), len(self.p)), np.nan)
+        self.likely = np.concatenate([numbers.likely, np.full(loads.mean.size, np.inf)])
         self.prior = loads.prior(numbers.prior)[None]
         self.root = roots(self.prior)
 
@@ -167,9 +169,35 @@ class Fit:
         here = self._at(x, p)
         assert here is not None  # it is the robot as it is
         self.first = here.squares
-        here, base = self._go_on(here, most)
+        base, leads_far = here, self._most(here) < 1
+        if not leads_far:
+            here, base = self._go_on(here, most)
+        if leads_far or self.status in ENDLESS:
+            eased, taken = self._eased(x, p, most), self.iterations
+            if eased is not None or leads_far:
+                self.iterations = 0
+                here, base = self._go_on(eased or here, most)
+                self.iterations += taken
         if self.status in ENDLESS:
             self._settle(self._at_rest(here), base, most)
+
+    def _eased(self, x: FloatArray, p: FloatArray, most: int) -> Place | None:
+        """(13c) Where the fit from ``x`` and ``p`` ends if nothing is off by much more than it may well be; None if it does not,
+        or nothing was known without."""
+        priors = np.diagonal(self.prior, axis1=1, axis2=2)
+        free = np.isinf(priors[0]) & np.isfinite(self.likely)
+        if not free.any():
+            return None
+        eased = self._anew(self.measured, x, p, self.solution)
+        eased.prior = self.prior.copy()
+        eased.prior[0, free, free] = self.likely[free] ** 2
+        eased.root = roots(eased.prior)
+        start = eased._at(x, p)
+        assert start is not None  # it is where this one began
+        eased._go_on(start, most)
+        self.integrations += eased.integrations
+        self.iterations += eased.iterations
+        return self._at(eased.x, eased.p) if eased.status is Status.CONVERGED else None
 
     def _go_on(self, here: Place, most: int) -> tuple[Place, Place]:
         """Steps that need not end at equilibria; returns where they ended, and the last equilibrium on the way."""
@@ -207,7 +235,7 @@ class Fit:
         allowed = self.integrations + SPENT * most
         while here.gap <= 1 and self.integrations < allowed and not self._ends(here):
             length = here.planned.length[0]
-            along = np.minimum(1.0, reach / length)
+            along = np.minimum(self._most(here), reach / length)
             gone, saved = along * length, promised(along, length)
             if gone < SHORTEST:
                 return
@@ -262,8 +290,18 @@ class Fit:
         change = (by @ self.loads.each(planned.step[0])[..., None])[..., 0]
         return Place(x, p, square, squares, gap, planned, towards, towards + change)
 
+    def _most(self, here: Place) -> float:
+        """(13c) How much of a step is gone at most, so that no number is further from where it began than it may be."""
+        step, gone = here.planned.step[0] / self.likely, (here.p - self.begin) / self.likely
+        size = np.abs(step)
+        room = FAR - np.sign(step) * gone
+        return float(min(1.0, (room / np.where(size > 0, size, 1.0))[size > 0].min(initial=1.0)))
+
     def _closer(self, here: Place, part: float) -> Place | None:
         """A part of the step, where squares are no more, or it is much nearer to an equilibrium."""
+        part = min(part, self._most(here))
+        if part < 0.5**HALVINGS:
+            return None
         there = self._at(here.x + part * here.change, here.p + part * here.planned.step[0])
         if there is None:
             return None

@@ -17,6 +17,7 @@ from multirod.validation import FloatArray, refuse
 
 FACTORS = ("bending_stiffness", "torsional_stiffness", "foundation", "magnetisation")  # told over what they were
 FACTOR = ", over what it was"
+TURNED = 2.0  # by how much a rod may well be bent at rest, from base to tip [rad]
 PARAMETERS = (*FACTORS, "precurvature", "base")
 SCALED = (*FACTORS, "precurvature")  # may share a factor
 Key: TypeAlias = str | tuple[str, ...]  # a parameter, or several that share a factor
@@ -28,10 +29,12 @@ class Group(Protocol):
     Attributes:
         names: Parameters of the robot that they change.
         labels: What each number is.
+        likely: (13c) By how much each may well be off, shape (k,).
     """
 
     names: tuple[str, ...]
     labels: tuple[str, ...]
+    likely: FloatArray
 
     def told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What is told of the numbers (k,), and its derivative by them, shapes (k,)."""
@@ -49,6 +52,7 @@ class Scaled:
     def __init__(self, labels: Sequence[str], parts: Sequence[Sequence[tuple[str, int]]]) -> None:
         self.labels, self._parts = tuple(labels), parts
         self.names = tuple(dict.fromkeys(name for part in parts for name, _ in part))
+        self.likely = np.ones(len(parts))
 
     def told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As ``Group`` says."""
@@ -82,6 +86,8 @@ class Bent:
     def __init__(self, labels: Sequence[str], places: Sequence[tuple[int, int, int]], begin: Assembly) -> None:
         self.labels, self._places = tuple(labels), places
         self._begin = np.array([_precurvature(begin.rods[i].sections[j])[k] for i, j, k in places])
+        lengths = np.array([begin.rods[i].length for i, _, _ in places])
+        self.likely = np.maximum(TURNED / lengths, np.abs(self._begin))
 
     def told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As ``Group`` says."""
@@ -114,6 +120,9 @@ class Moved:
         *(f"base: turned about {axis} [rad]" for axis in "xyz"),
     )
 
+    def __init__(self, begin: Assembly) -> None:
+        self.likely = np.repeat([max(rod.length for rod in begin.rods), 1.0], 3)
+
     def told(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As ``Group`` says."""
         return p, np.ones(len(p))
@@ -138,6 +147,7 @@ class Parameters:
     Attributes:
         names: Parameters of the robot that they change, each once.
         places: Where the numbers of each group are among all.
+        likely: (13c) By how much each may well be off, shape (k,).
     """
 
     def __init__(self, robot: Assembly, priors: Mapping[Key, Prior]) -> None:
@@ -152,6 +162,7 @@ class Parameters:
             self.places[key] = slice(first, first + len(group.labels))
             first += len(group.labels)
         self.count = first
+        self.likely = np.concatenate([group.likely for group in self.groups.values()])
         own = [priors[key].variances(said(key), len(group.labels), (), None) for key, group in self.groups.items()]
         self.prior = block_diagonal(own)[0]
 
@@ -217,7 +228,7 @@ def _precurvature(section: Section) -> FloatArray:
 def _group(robot: Assembly, key: Key) -> Group:
     """Which numbers a parameter of a robot has, or parameters that share a factor."""
     if key == "base":
-        return Moved()
+        return Moved(robot)
     if not isinstance(key, str):
         part = [(name, i) for name in key for i in _rods(robot, name)]
         return Scaled([f"all rods: {said(key)}, over what {'they were' if len(key) > 1 else 'it was'}"], [part])
