@@ -654,6 +654,7 @@ def test_parameters_of_legs_may_vary_by_instance():
         ({"platform": ring(3, 0.03)}, r"must have shape \(..., 2, 4, 4\)"),
         ({"base": 2 * ring(2, 0.03)}, "must be a rotation"),
         ({"joints": "welded"}, "must be one of 'clamped', 'revolute', 'spherical'"),
+        ({"joints": "universal"}, "must be one of 'clamped', .*: mr.Network has the others"),
         ({"joints": ["clamped"] * 3}, "one for each of 2 legs"),
         ({"joint_axes": (0, 0, 1)}, r"ParallelRods.joint_axes = \(0, 0, 1\) .* only a 'revolute' joint has an axis"),
         ({"joint_axes": np.eye(3)[:2], "joints": ["spherical", "clamped"]}, "(?s)ParallelRods.joint_axes = .* there is none"),

@@ -50,6 +50,7 @@ from multirod.validation import Described, FloatArray, array, choice, directions
 if TYPE_CHECKING:
     from multirod.models.assemblies.inverse_parallel_rods import InverseParallelRods
 
+OF_NETWORKS = ("universal", "prismatic", "cylindrical")  # joints that there are, but not here
 OWN_AXIS = (0.0, 0.0, 1.0)  # of a leg: what its tip turns about where nothing else is said
 PLATFORM_WEIGHT = 8 / 3  # a weight on the tip against the same distributed along the rod
 PLATFORM_MOMENT = 3 / 2  # times its lever over the length: the moment of that weight about the tip against the weight
@@ -351,6 +352,8 @@ def _joints(value: str | Sequence[str], count: int) -> list[int]:
     if not isinstance(names, (list, tuple)) or len(names) != count:
         refuse("ParallelRods.joints", value, f"must be one joint, or one for each of {count} legs")
     for name in names:
+        if name in OF_NETWORKS:
+            refuse("ParallelRods.joints", name, f"must be one of {', '.join(map(repr, JOINTS))}: mr.Network has the others")
         choice("ParallelRods.joints", name, JOINTS)
     return [JOINTS[name] for name in names]
 

@@ -135,7 +135,9 @@ def _of_material(material: Material) -> bool:
         least, most = float(poisson.min()), float(poisson.max())
         low = least < POISSON.low
         why = (
-            "G is at most about E/2; are young_modulus and shear_modulus exchanged?" if low else "is G too small, or E too large?"
+            "G is at most about E/2; are young_modulus and shear_modulus exchanged?"
+            if low
+            else "is G too small, or E too large? Fibres that all lie along a rod make it so, and then it is right"
         )
         values = f"Rod.young_modulus = {float(np.max(E)):.6g} Pa and shear_modulus = {float(np.max(G)):.6g} Pa"
         say(f"{values} mean a Poisson ratio of {least if low else most:.3g}: {why}")
