@@ -178,7 +178,7 @@ _MESSAGES = {
     Status.AT_LIMIT: "the limits of the freed inputs, or of the shape, hold the end effector back from its target: it is as near "
     "as it comes on this way, target_error says how near; give wider limits, free more inputs, or let starts be tried",
     Status.UNREACHABLE: "no way to the target was found: it may be out of reach, target_error says how near the search came; ask "
-    "for fewer rows (a position alone), free more inputs, begin nearer, or let starts be tried",
+    "for fewer rows (a position alone), free more inputs, begin nearer, or where it has not buckled, or let starts be tried",
     Status.SINGULAR_TASK: "the freed inputs cannot move the end effector in a direction that the target asks for, where the "
     "search ended: ask for fewer rows, free other inputs, or begin elsewhere (a straight robot's tip cannot be pushed sideways, "
     "and a line moves nothing by its displacement where it is slack, or just so)",

@@ -138,6 +138,24 @@ def test_a_field_that_turns_until_it_is_against_a_round_magnet(part):
     )
 
 
+@pytest.mark.parametrize("last", [187, 189, 195])
+def test_a_round_magnet_goes_around_where_the_field_is_against_it_however_long_the_sample(last):
+    """There it turns about its axis for nothing, which was taken for neutral on all of the sample: the snap was said to be where
+    another mode vanishes, 7 degrees beyond and more."""
+    soft = mr.Rod.wire(length=0.05, diameter=1.5e-3, young_modulus=2e6, poisson_ratio=0.49)
+    tip = mr.Rod.wire(length=0.01, diameter=1.5e-3, young_modulus=160e9, poisson_ratio=0.24, magnetisation=(0, 0, 5.66e5))
+    robot = mr.SingleRod(mr.Rod(sections=[*soft.sections, *tip.sections]))
+    angle = np.radians([*range(0, 171, 10), 175, last])
+    field = 0.02 * np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1)
+    time = np.arange(len(angle), dtype=float)
+    turned = mr.simulate(robot, robot.inputs(magnetic_field=field), time=time)
+    assert turned.status[-1] is mr.Status.SNAPPED
+    assert turned[-1].stability is mr.Stability.STABLE
+    (event,) = (event for sample in turned.events for event in sample)
+    x = field[-2:, 0]
+    assert event.time == pytest.approx(time[-2] + x[0] / (x[0] - x[1]), abs=1e-5)
+
+
 def dipole(solution: mr.Solution, robot: mr.Assembly, nodes: int = 2001) -> np.ndarray:
     """Magnetic moment of all rods in the world [A m^2], by their shapes."""
     total = np.zeros(3)

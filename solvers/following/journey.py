@@ -33,8 +33,7 @@ DEEPER = 10.0  # than a branch goes down that leaves as a root, by as large a tu
 DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
 KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
 TOGETHER = 1e-2  # of the lowest: modes that close to it vanish with it
-TELLS = 0.1  # of the longest way of any place, that the tip's must be to count
-STILL = 1e-3  # of how a rod moves: a tip that moves as little is held
+TELLS, STILL = 0.1, 1e-3  # of the longest way of any place: where the tip's counts, and where it is held
 FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
 APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
@@ -69,8 +68,9 @@ class Journey(Walk):
             found = yield from self._balanced(point, neutral)
         if found is not None:
             point = found if self._passed(found) else (yield from self._along(found, neutral))
-            if self.potential and point.level == 1 and (yield from self._judge(point)).falls:
-                point = found  # where two modes had just vanished together, by less than can be told
+            falls = self.potential and point.level == 1 and (yield from self._judge(point)).falls
+            if falls or (neutral > 0 and self._passed(point)):
+                point = found  # where two modes had just vanished together, by less than can be told, or one is neutral only here
         if not self.potential:
             yield from self._run_damped(point)
             return
