@@ -89,7 +89,7 @@ class ControlStep:
         shaped: int = 0,
     ) -> None:
         problem = task.problem
-        self._whole, self._watch, self._problem, device = task, watch, problem, problem.device
+        self._whole, self._watch, self._problem, self._kinks, device = task, watch, problem, problem.kinks, problem.device
         self._rows, self._unit, self._gains, self._centre = rows, unit, gains, centre
         self._weight = float(weight[0]), float(weight[1])
         vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
@@ -171,10 +171,10 @@ class ControlStep:
         self._kind, self._looked = kind, False
         if kind not in self._launches:
             self.prepare(kind)
-        begun = np.array(self._problem.read("unknowns")) if len(self._problem.kinks) and self._watch.state.on else None
+        begun = self._problem.read("unknowns") if len(self._kinks) and self._watch.state.on else None
         if self._shared:
             self._launches[kind]()
-            found, told, status, doubt = (own.copy() for own in self._views)
+            found, told, status, doubt = self._views[0].copy(), self._views[1].copy(), *self._views[2:]
         else:
             for each in self._given.values():
                 each.send()
@@ -185,8 +185,8 @@ class ControlStep:
 
     def _crossed(self, begun: FloatArray, record: FloatArray) -> bool:
         """Whether a command has a line slack that was taut at the place of its integration, (1, n), or the other way round."""
-        own, kinks = record[:, self._problem.record_fields["unknowns"]], self._problem.kinks
-        return bool(((begun > 0) != (own > 0))[:, kinks].any())
+        own = record[:, self._problem.record_fields["unknowns"]]
+        return bool(((begun > 0) != (own > 0))[:, self._kinks].any())
 
     @property
     def by(self) -> FloatArray:
