@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.models.held.costless import AXIS, acting, force_along, forces, loaded, on_axis, straight_at_rest
+from multirod.models.held.costless import (
+    AXIS,
+    acting,
+    force_along,
+    forces,
+    least_bending_stiffness,
+    loaded,
+    on_axis,
+    straight_at_rest,
+)
 from multirod.models.joint_kernels import CLAMPED, REVOLUTE, SPHERICAL
 from multirod.out_of_reach import TAUT
 from multirod.problem import BegunAgain
@@ -312,7 +321,7 @@ def pushed_far(problem: "HeldProblem", end: FloatArray, far: float = FAR) -> NDA
     """Whether a rod that is straight at rest, and hardly stretches until it buckles, is shortened by ``far`` times that, its end
     at ``end``, (instance_count, 3); shape (instance_count,)."""
     material, length = problem.rod.arrays.material[:, 0], problem.length_in_use()
-    soft, stretch = problem.rod.each(material[..., :2].min(axis=(1, 2))), problem.rod.each(material[..., 8].max(axis=1))
+    soft, stretch = least_bending_stiffness(problem), problem.rod.each(material[..., 8].max(axis=1))
     strain = np.asarray(MODES[False, False].thrust * soft * stretch / length**2)
     short = 1 - np.linalg.norm(end - problem.rod.table.base_position.numpy(), axis=1) / length
     stiff = (strain > 0) & (strain < (STIFF_IN_MEDIUM if problem.rod.arrays.loads else STIFF)) & (problem.holders.slide is None)

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multirod.problem import BoundaryProblem
-from multirod.segments import placed
 from multirod.solver import Outcome
 from multirod.solvers.following.follow import follow
 from multirod.solvers.following.journey import Journey
 from multirod.solvers.multiple_shooting import MultipleShooting
 from multirod.solvers.newton.iteration import Newton
-from multirod.solvers.segments.by_inputs import change_inputs
+from multirod.solvers.segments.by_inputs import change_inputs, good, states_of
 from multirod.status import NOT_RUN, BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
 
@@ -111,7 +110,7 @@ def _in_segments(
         else:
             tried = _by_inputs(options, problem, outcome, ends, left, before)
         position = problem.read("position")
-        for k in np.flatnonzero(~failures(tried) & (tried != NOT_RUN)).tolist():
+        for k in np.flatnonzero(good(tried)).tolist():
             outcome.status[k], outcome.events[k] = some[k].said, some[k].told(position[k])
             if modes:
                 outcome.turning.add(k)
@@ -129,15 +128,11 @@ def _by_inputs(
     (instance_count,)."""
     if not ends or problem.parts is None:
         return np.full(problem.instance_count, NOT_RUN)
-    method, places, now = in_segments(options), np.array(list(ends)), problem.read("inputs")
+    method, places = in_segments(options), np.array(list(ends))
     unknowns, level, steps = (np.array(values) for values in zip(*ends.values(), strict=True))
     start = before.copy()
-    start[places] += level[:, None] * (now - before)[places]
-    problem.write("inputs", start)
-    part = problem.parts.of(places, double=True)
-    part.write("unknowns", unknowns)
-    last = placed(method.states(part, np.arange(len(places)), steps), places)
-    problem.write("inputs", now)
+    start[places] += level[:, None] * (problem.read("inputs") - before)[places]
+    last = states_of(method, problem, places, unknowns, start, steps)
     again, points = change_inputs(method, problem, last, start, left)
     found = list(points)
     outcome.status[found] = again.status[found]

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, placed, taken
@@ -26,9 +27,30 @@ def unsafe(problem: BoundaryProblem, change: FloatArray) -> BoolArray:
     return np.asarray(change > np.maximum(SAFE_LOAD, GROWTH * problem.load_change(nothing)))
 
 
-def good(outcome: Outcome) -> BoolArray:
+def good(status: IntArray) -> BoolArray:
     """Which instances were found, and on their branches."""
-    return np.asarray(~failures(outcome.status) & (outcome.status != NOT_RUN))
+    return np.asarray(~failures(status) & (status != NOT_RUN))
+
+
+def states_of(
+    method: "MultipleShooting",
+    problem: BoundaryProblem,
+    places: NDArray[np.intp],
+    unknowns: FloatArray,
+    inputs: FloatArray,
+    steps: IntArray | None = None,
+) -> dict[int, Breakpoints]:
+    """Breakpoints of the instances at ``places``, (k,), that ``unknowns`` (k, n) lead to at other ``inputs`` than the problem's,
+    (instance_count, k), by so many ``steps`` as ``MultipleShooting.states`` has them; the problem is left as it is."""
+    assert problem.parts is not None  # or there is no method
+    now = problem.read("inputs")
+    problem.write("inputs", inputs)
+    try:
+        part = problem.parts.of(places, double=True)
+        part.write("unknowns", unknowns)
+        return placed(method.states(part, np.arange(len(places)), steps), places)
+    finally:
+        problem.write("inputs", now)
 
 
 def change_inputs(
@@ -65,7 +87,7 @@ def change_inputs(
             part = problem.parts.of(places, double=True)
             left = np.minimum(allowed[places] - outcome.integrations[places], ATTEMPT)
             mine, own = method.resume_branch(part, taken(known, places), here[places], left)
-            led, there = good(mine), share[places] == 1
+            led, there = good(mine.status), share[places] == 1
             outcome.status[places] = np.where(led & ~there, NOT_RUN, mine.status)
             outcome.iterations[places] += mine.iterations
             outcome.integrations[places] += mine.integrations

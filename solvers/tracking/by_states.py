@@ -10,7 +10,7 @@ from multirod.segments import Breakpoints, placed, taken
 from multirod.solver import Outcome
 from multirod.solvers.following.onward import in_segments
 from multirod.solvers.multiple_shooting import NOISY, MultipleShooting
-from multirod.solvers.segments.by_inputs import ATTEMPT, change_inputs, good
+from multirod.solvers.segments.by_inputs import ATTEMPT, change_inputs, good, states_of
 from multirod.status import BoolArray, failures
 from multirod.validation import FloatArray
 
@@ -66,7 +66,7 @@ class LastStates:
             places = np.array(sorted(guess))
             part, left = self._part(places), np.full(len(places), min(self._options.max_integrations, ATTEMPT))
             mine, points = method.resume(part, unknowns[places], taken(guess, places), left)
-            some = np.flatnonzero(good(mine))
+            some = np.flatnonzero(good(mine.status))
             self._problem.keep(part, places[some], some)
             outcome.status[places], outcome.iterations[places] = mine.status, mine.iterations
             outcome.integrations[places] = mine.integrations
@@ -78,15 +78,10 @@ class LastStates:
     def rescue(self, lost: BoolArray, unknowns: FloatArray, before: FloatArray) -> tuple[Outcome, BoolArray]:
         """The same of some that are ``lost``, from the last sample's ``unknowns`` (instance_count, n), found at the inputs
         ``before`` (instance_count, k)."""
-        places, now = np.flatnonzero(lost), self._problem.read("inputs")
+        places = np.flatnonzero(lost)
         if not len(places) or (method := self._method()) is None:
             return self._none()
-        self._problem.write("inputs", before)
-        part = self._part(places)
-        part.write("unknowns", unknowns[places])
-        last = placed(method.states(part, np.arange(len(places))), places)
-        self._problem.write("inputs", now)
-        return self._on(last, before)
+        return self._on(states_of(method, self._problem, places, unknowns[places], before), before)
 
     def _on(self, last: dict[int, Breakpoints], before: FloatArray) -> tuple[Outcome, BoolArray]:
         """Some from breakpoints where they were ``last``, at the inputs ``before``, (instance_count, k)."""

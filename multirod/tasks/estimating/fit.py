@@ -169,21 +169,17 @@ class Fit:
         here = self._at(x, p)
         assert here is not None  # it is the robot as it is
         self.first = here.squares
-        base, leads_far = here, self._most(here) < 1
-        if not leads_far:
-            here, base = self._go_on(here, most)
-        if leads_far or self.status in ENDLESS:
-            eased, taken = self._eased(x, p, most), self.iterations
-            if eased is not None or leads_far:
-                self.iterations = 0
-                here, base = self._go_on(eased or here, most)
-                self.iterations += taken
+        leads_far = self._most(here) < 1
+        eased = self._eased(x, p, most) if leads_far else None
+        here, base = self._go_on(eased or here, most)
+        if self.status in ENDLESS and not leads_far and (eased := self._eased(x, p, most)) is not None:
+            here, base = self._go_on(eased, most)
         if self.status in ENDLESS:
             self._settle(self._at_rest(here), base, most)
 
     def _eased(self, x: FloatArray, p: FloatArray, most: int) -> Place | None:
         """(13c) Where the fit from ``x`` and ``p`` ends if nothing is off by much more than it may well be; None if it does not,
-        or nothing was known without."""
+        or there are priors for all."""
         priors = np.diagonal(self.prior, axis1=1, axis2=2)
         free = np.isinf(priors[0]) & np.isfinite(self.likely)
         if not free.any():
@@ -201,8 +197,8 @@ class Fit:
 
     def _go_on(self, here: Place, most: int) -> tuple[Place, Place]:
         """Steps that need not end at equilibria; returns where they ended, and the last equilibrium on the way."""
-        base, part, base_part, returned = here, 1.0, 1.0, 0
-        while self.iterations <= most:
+        base, part, base_part, returned, last = here, 1.0, 1.0, 0, self.iterations + most
+        while self.iterations <= last:
             if here.gap <= 1:
                 base, base_part, returned = here, part, 0
             if self._ends(here):
@@ -293,9 +289,8 @@ class Fit:
     def _most(self, here: Place) -> float:
         """(13c) How much of a step is gone at most, so that no number is further from where it began than it may be."""
         step, gone = here.planned.step[0] / self.likely, (here.p - self.begin) / self.likely
-        size = np.abs(step)
-        room = FAR - np.sign(step) * gone
-        return float(min(1.0, (room / np.where(size > 0, size, 1.0))[size > 0].min(initial=1.0)))
+        moves = np.abs(step) > 0
+        return float(((FAR - np.sign(step) * gone)[moves] / np.abs(step[moves])).min(initial=1.0))
 
     def _closer(self, here: Place, part: float) -> Place | None:
         """A part of the step, where squares are no more, or it is much nearer to an equilibrium."""
