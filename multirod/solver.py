@@ -167,6 +167,10 @@ class Track(Uncopied, ABC):
     def step(self) -> Outcome:
         """Bring the unknowns up to the problem's present inputs."""
 
+    def pace(self, before: float, after: float) -> None:
+        """The next sample comes ``before`` seconds after the last one, and the one after it ``after`` seconds later. Called where
+        samples are not evenly spaced; what does not go by time needs not heed it."""
+
     def start(self, unknowns: FloatArray) -> None:
         """Take ``unknowns`` (instance_count, n) as the first guess, of instances whose row is not NaN."""
         self.problem.write("unknowns", unknowns)
@@ -181,10 +185,12 @@ class Solver(ABC):
     Attributes:
         integrator: Of the spatial equations.
         needs_dt: Whether ``track`` goes by the time between samples; if not, a ``Tracker`` may give it NaN.
+        takes_uneven: Whether a track of one that ``needs_dt`` heeds ``Track.pace``: only then may samples be spaced unevenly.
     """
 
     integrator: Integrator = RK45()
     needs_dt: ClassVar[bool] = False
+    takes_uneven: ClassVar[bool] = False
     pose_sensitivities: bool = False
     direction_count: int = 0
 
@@ -304,6 +310,9 @@ class Tested(Track):
 
     def start(self, unknowns: FloatArray) -> None:  # noqa: D102
         self._track.start(unknowns)
+
+    def pace(self, before: float, after: float) -> None:  # noqa: D102
+        self._track.pace(before, after)
 
     def step(self) -> Outcome:  # noqa: D102
         outcome = self._track.step()

@@ -76,6 +76,7 @@ class Observer(Solver):
     """
 
     needs_dt: ClassVar[bool] = True
+    takes_uneven: ClassVar[bool] = True
 
     R: Numbers = 120.0
     Q: Numbers = 30.0
@@ -202,6 +203,7 @@ class ObserverTrack(SampledTrack):
             setattr(state, name, wp.zeros(count, dtype=wp.float64, device=device))
         fold = options.fold_threshold * problem.natural_singular_value
         state.fold_threshold = wp.array(fold, dtype=wp.float64, device=device)
+        state.dt = wp.array([dt], dtype=wp.float64, device=device)
         state.status = wp.zeros(count, dtype=wp.int32, device=device)
         state.pivot = wp.zeros((count, len(blocks)), dtype=wp.float64, device=device)
         state.riccati = wp.array(np.tile(gains["P0"], (count, 1, 1)), dtype=wp.float64, device=device)
@@ -217,11 +219,11 @@ class ObserverTrack(SampledTrack):
                 natural=natural,
             )
         else:
-            self._launch = self._record(blocks, sizes, gains, dt)
+            self._launch = self._record(blocks, sizes, gains)
         self._host_rates = state.rates.numpy() if wp.get_device(device).is_cpu else None
         self._bind(problem, state, options.feed_forward, first)
 
-    def _record(self, blocks: Sequence[Block], sizes: list[int], gains: dict[str, FloatArray], dt: float) -> Launch:
+    def _record(self, blocks: Sequence[Block], sizes: list[int], gains: dict[str, FloatArray]) -> Launch:
         from scipy.linalg import sqrtm
 
         options, state, problem = self.options, self.state, self.problem
@@ -245,9 +247,16 @@ class ObserverTrack(SampledTrack):
         matrices = {"gain": gains["R"], "weight": gains["Q"], "weight_root": root, "weight_inverse_root": np.linalg.inv(root)}
         for name, value in (matrices | {"initial": gains["P0"]}).items():
             setattr(state, name, wp.array(np.ascontiguousarray(value), dtype=wp.float64, device=device))
-        state.dt, state.horizon = dt, options.horizon
+        state.horizon = options.horizon
         variant = (options.riccati, options.update == "exact", options.scaling, options.feed_forward, options.correct_output)
         return record(partial(make_observer, tuple(sorted(set(sizes))), *variant, alone), count, [state], device)
+
+    def pace(self, before: float, after: float) -> None:
+        """By what time (8), (10) and (11) take the next step, and what (12) looks ahead."""
+        super().pace(before, after)
+        self.state.dt.assign(np.array([after]))
+        if self._large is not None:
+            self._large.dt = after
 
     def _update(self) -> None:
         if self._large is None:

@@ -836,11 +836,11 @@ GROUPS: dict[str, list[Mistake]] = {
             "seconds",
         ),
         Mistake(
-            "times that are not evenly spaced",
-            "mr.simulate(robot, robot.inputs(), time=[0, 0.1, 0.3])",
+            "times that go back",
+            "mr.simulate(robot, robot.inputs(), time=[0, 0.2, 0.1])",
             ValueError,
-            "must be evenly spaced",
-            "inputs resampled to even times",
+            "must increase from each sample to the next",
+            "samples in the order of time",
         ),
         Mistake(
             "fewer inputs than times",

@@ -543,7 +543,6 @@ def test_guess(robot: mr.SingleRod, guess: Any) -> None:
         [0.0, 0.1, 0.1],
         [0.0, 0.2, 0.1],
         [0.2, 0.1, 0.0],
-        [0.0, 0.1, 0.3],
         [0.0, NAN, 0.2],
         [0.0, INF, 0.2],
         0.0,
@@ -554,8 +553,8 @@ def test_guess(robot: mr.SingleRod, guess: Any) -> None:
     ],
     ids=repr,
 )
-def test_time_must_be_evenly_spaced_and_increasing(robot: mr.SingleRod, time: Any) -> None:
-    with pytest.raises(ValueError, match=r"^time = .* is not allowed: must (be|have)"):
+def test_time_must_increase(robot: mr.SingleRod, time: Any) -> None:
+    with pytest.raises(ValueError, match=r"^time = .* is not allowed: must (be|have|increase)"):
         mr.simulate(robot, robot.inputs(), time=time)
 
 

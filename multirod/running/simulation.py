@@ -31,6 +31,7 @@ from multirod.studies.terms.simplify import simplified
 from multirod.types import Numbers
 from multirod.validation import FEW, Described, FloatArray, array, device_name, first_of, integers, refuse
 
+EVEN = 1e-6  # of a step, by which steps may differ that are the same
 _DEFAULT = Shooting()
 _BLOCK = 2**20  # numbers: inputs are made ready for as many samples at once
 
@@ -174,7 +175,7 @@ def simulate(
     Args:
         robot: The assembly.
         inputs: Made by ``robot.inputs(...)``, with time as the first axis of what varies.
-        time: Of the samples [s], evenly spaced and increasing, shape (sample_count,).
+        time: Of the samples [s], increasing, shape (sample_count,); evenly spaced or not.
         solver: ``Shooting()`` by default.
         guess: Unknowns at the first sample, as for ``solve``.
         device: Warp device.
@@ -187,12 +188,17 @@ def simulate(
         The series, each sample with its status and the time that it took.
 
     Raises:
-        ValueError: If ``time`` is not evenly spaced and increasing, or the inputs' first axis is not time.
+        ValueError: If ``time`` does not increase, is not evenly spaced though a solver of others goes by one step, or the inputs'
+            first axis is not time.
     """
     method = as_solver(robot, solver)
     device = device_name("device", device)
     inputs = robot.accept(inputs)
-    time, dt = even_times(time)
+    time, spans = sample_times(time)
+    dt = float(spans.mean())
+    even = bool(np.allclose(spans, dt, rtol=EVEN, atol=0))
+    if not (even or method.takes_uneven or not method.needs_dt):
+        refuse("time", _told(time), f"must be evenly spaced, by {type(method).__name__}, which goes by one step")
     if method.needs_dt and len(time) > 1:
         plausibility.of_dt("time", dt)
     samples = len(time)
@@ -224,6 +230,8 @@ def simulate(
             begin = perf_counter()
             if row is not None:
                 problem.write("inputs", row)
+            if not even:
+                runner.track.pace(*spans[k : k + 2])
             outcome = runner.track.step()
             took[k] = perf_counter() - begin
             results.put(k, places, problem.snapshot(), outcome, problem)
@@ -340,15 +348,20 @@ def states_of_guess(guess: object, problem: BoundaryProblem, count: int, piece: 
     return {k: own for k, own in known.items() if own.states.shape[1] == size}
 
 
-def even_times(time: object) -> tuple[FloatArray, float]:
-    """Checked times of samples, and their distance."""
+def sample_times(time: object) -> tuple[FloatArray, FloatArray]:
+    """Checked times of samples, and the time before each and after the last, shape (sample_count + 1,): at the ends as next to
+    them, of one sample a second."""
     time = array("time", time)
     if time.ndim != 1:
         refuse("time", Described(f"array of shape {time.shape}"), "must have shape (sample_count,)")
     steps = np.diff(time)
-    if len(steps) and not (steps.min() > 0 and np.allclose(steps, steps.mean(), rtol=1e-6, atol=0)):
-        refuse("time", time if time.size < FEW else Described(f"{time.size} samples"), "must be evenly spaced and increasing")
-    return time, float(steps.mean()) if len(steps) else 1.0
+    if len(steps) and not steps.min() > 0:
+        refuse("time", _told(time), "must increase from each sample to the next")
+    return time, np.pad(steps, 1, mode="edge") if len(steps) else np.ones(len(time) + 1)
+
+
+def _told(time: FloatArray) -> object:
+    return time if time.size < FEW else Described(f"{time.size} samples")
 
 
 def _samples(

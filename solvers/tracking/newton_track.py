@@ -20,6 +20,7 @@ from multirod.solvers.starting.cold_start import ColdStart
 from multirod.solvers.starting.letting_out import let_out, loosened
 from multirod.solvers.tracking.bends import SAME, bent, ended, passed_unstable
 from multirod.solvers.tracking.by_states import LastStates
+from multirod.solvers.tracking.foretold import FAR, extrapolated, respaced, shifted
 from multirod.solvers.tracking.kinks import passed_kinks
 from multirod.stability import modes_of
 from multirod.status import BoolArray, Status, failures
@@ -33,19 +34,6 @@ JUST_THERE = 1 - 1e-9  # of the way between two samples: its end, taken for wher
 DIP = 0.1  # of the load, that is taken off on the way past a kink
 LINEAR, QUADRATIC = 1, 2  # orders of extrapolation
 _CONVERGED = int(Status.CONVERGED)
-
-
-def _extrapolated(past: FloatArray, points: int) -> FloatArray:
-    """What comes next by so many of the last samples (instance, 3, n), the latest first; shape (instance, n)."""
-    if points > 2:
-        return np.asarray(3 * (past[:, 0] - past[:, 1]) + past[:, 2])
-    return past[:, 0] if points < 2 else np.asarray(2 * past[:, 0] - past[:, 1])
-
-
-def _shifted(past: FloatArray, found: FloatArray) -> FloatArray:
-    """The last samples once another is found. Of what began, or stood still, both orders lead where the linear one does."""
-    last, before = past[:, 0], past[:, 1]
-    return np.stack([found, last, np.where(before == last, 2 * last - found, before)], axis=1)
 
 
 class NewtonTrack(Track):
@@ -97,6 +85,7 @@ class NewtonTrack(Track):
         # where a branch ended at a sample that cannot tell yet whether it is stable
         self.edge = np.zeros(problem.instance_count, dtype=bool)
         self._taut = np.zeros(problem.instance_count, dtype=bool)  # at this sample, which neither follows nor is followed
+        self._span: float | None = None  # of time, between the last samples
 
     @property
     def last(self) -> FloatArray:
@@ -109,6 +98,15 @@ class NewtonTrack(Track):
         self.all_known = bool(self.known.all())
         self._states.start(self.known)
         self._past[:, 0], self._points[0] = np.where(self.known[:, None], unknowns, self.problem.guess()), 1
+
+    def pace(self, before: float, after: float) -> None:
+        """Have the last samples as far apart as the next is from them; one much farther is not foretold."""
+        points, ratio = int(self._points[0]), 1.0 if self._span is None else before / self._span
+        self._span = before
+        if points > 1 and ratio > FAR:
+            self._points[0] = 1
+        elif points > 1 and ratio != 1.0:
+            self._past[:] = respaced(self._past, points, ratio)
 
     def step(self) -> Outcome:
         """Extrapolate, iterate to the tolerance, and make sure of the branch."""
@@ -173,17 +171,17 @@ class NewtonTrack(Track):
     def _foreseen(self) -> FloatArray:
         """Unknowns by extrapolation of the last samples, shape (instance_count, n)."""
         points = int(self._points[0])
-        guess = _extrapolated(self._past, points)
+        guess = extrapolated(self._past, points)
         if not self.chooses or points <= 2:
             return guess
         less = self._misses[:, 0] < self._misses[:, 1]
-        return np.where(less[:, None], _extrapolated(self._past, 2), guess)
+        return np.where(less[:, None], extrapolated(self._past, 2), guess)
 
     def _learn(self, found: FloatArray, good: BoolArray, new: BoolArray) -> None:
         """How far each order missed what was found, of instances that are ``good``; ``new`` ones have no past."""
         if self.chooses:
             for k in range(int(self._points[0]) - 1):
-                miss = np.abs(found - _extrapolated(self._past, k + 2)).max(axis=1)
+                miss = np.abs(found - extrapolated(self._past, k + 2)).max(axis=1)
                 self._misses[good, k] = np.maximum(miss, FORGOTTEN * self._misses[:, k])[good]
             self._misses[new] = 0.0
 
@@ -371,7 +369,7 @@ class NewtonTrack(Track):
         past = self._past
         if self.all_known and (outcome.status == _CONVERGED).all():
             self._learn(found, np.ones_like(self.known), np.zeros_like(self.known))
-            past[:] = _shifted(past, found)
+            past[:] = shifted(past, found)
             self._last_inputs[:] = inputs
             self._states.keep(outcome, inputs)
             self.newton.set_reference()
@@ -385,7 +383,7 @@ class NewtonTrack(Track):
             kept, new = good[:, None], (good & (elsewhere | ~self.known))[:, None]
             self._learn(found, good, new[:, 0])
             last = past[:, 0].copy()
-            for k, point in enumerate(np.moveaxis(_shifted(past, found), 1, 0)):
+            for k, point in enumerate(np.moveaxis(shifted(past, found), 1, 0)):
                 past[:, k] = np.where(new, found, np.where(kept, point, last))
             self._last_inputs[:] = inputs if self.inputs is None else np.where(kept, inputs, self.inputs)
             self.newton.set_reference(good)

@@ -57,7 +57,7 @@ class ObserverState:
     weight_root: wp.array2d[wp.float64]  # Q^1/2
     weight_inverse_root: wp.array2d[wp.float64]  # Q^-1/2
     initial: wp.array2d[wp.float64]  # P0
-    dt: wp.float64
+    dt: wp.array[wp.float64]  # (1,), to the next sample
     horizon: wp.float64
     fold_threshold: wp.array[wp.float64]  # (instance,)
 
@@ -267,9 +267,9 @@ def make_block(n: int, riccati: str, exact: bool, newton: bool):
                         F[i, j] = F[i, j] + L[i, k] * E[k, j]
             if wp.static(FORWARD):
                 if wp.static(exact):
-                    P = riccati_step(P, V, root, half, load(state.weight_inverse_root, o), state.dt)
+                    P = riccati_step(P, V, root, half, load(state.weight_inverse_root, o), state.dt[0])
                 else:
-                    P = P + state.dt * (load(state.weight, o) - P * B * P)
+                    P = P + state.dt[0] * (load(state.weight, o) - P * B * P)
                     P = f64(0.5) * (P + wp.transpose(P))
                     probe = cholesky(P)
                     sound = f64(0.0)
@@ -285,14 +285,14 @@ def make_block(n: int, riccati: str, exact: bool, newton: bool):
         c = wp.transpose(F) * e
         for i in range(n):
             if wp.static(exact):
-                z = rate[i] * state.dt
+                z = rate[i] * state.dt[0]
                 if z > f64(1.0e-8):
                     c[i] = c[i] * (f64(1.0) - wp.exp(-z)) / rate[i]
                 else:
-                    c[i] = c[i] * state.dt
+                    c[i] = c[i] * state.dt[0]
             else:
-                c[i] = c[i] * state.dt
-                if not (rate[i] * state.dt < f64(2.0)):
+                c[i] = c[i] * state.dt[0]
+                if not (rate[i] * state.dt[0] < f64(2.0)):
                     status = int(wp.static(int(Status.EULER_LIMIT)))
             state.rates[t, o + i] = rate[i]
         dx = R * (wp.transpose(G) * (F * c))

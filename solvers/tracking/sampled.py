@@ -39,6 +39,7 @@ class SampledTrack(Track):
         self.problem, self.state, self.feed_forward = problem, state, feed_forward
         self._previous: FloatArray | None = None
         self._change: FloatArray | None = None
+        self._spans = (1.0, 1.0, 1.0)  # from the sample before the last to the last, to the next, to the one after it
         self._foreseen = np.ones(problem.input_count)
         for name in problem.measured:
             self._foreseen[problem.input_slice(name)] = 0.0
@@ -70,6 +71,10 @@ class SampledTrack(Track):
         """Take ``unknowns`` as those of the first sample, of instances whose row is not NaN."""
         known = knows(self.problem, unknowns)[:, None]
         self.state.following.assign(np.where(known, unknowns, self.state.following.numpy()))
+
+    def pace(self, before: float, after: float) -> None:
+        """How far the next sample is from the last, and from the one after it."""
+        self._spans = (self._spans[1], before, after)
 
     def step(self) -> Outcome:
         """The next sample."""
@@ -161,14 +166,19 @@ class SampledTrack(Track):
         self.state.following.assign(following)
 
     def _aim(self) -> None:
-        """Point the problem's direction along the change of the inputs expected by the next sample: the last two, extrapolated.
+        """Point the problem's direction along the change of the inputs expected by the next sample: (12) and (12b) of
+        ``docs/observer.md``, from the last two.
 
         What is measured is expected to stay: the difference of two samples is mostly noise, and extrapolated it is noise doubled.
         """
         inputs = self.problem.read("inputs")
         if self._previous is not None:
             change = (inputs - self._previous) * self._foreseen
-            expected = change if self._change is None else 2 * change - self._change
+            behind, last, ahead = self._spans
+            expected = ahead / last * change
+            if self._change is not None:
+                turn = (last + ahead) / (behind + last)
+                expected = (1 + turn) * expected - turn * ahead / behind * self._change
             self._change = change
             if self._directions is not None:
                 self._directions[:, 0] = expected

@@ -56,6 +56,9 @@ class _LimitedTrack(Track):
     def start(self, unknowns: FloatArray) -> None:
         self._track.start(unknowns)
 
+    def pace(self, before: float, after: float) -> None:
+        self._track.pace(before, after)
+
     def step(self) -> Outcome:
         if not isinstance(self.problem.stop, Deadline):  # whoever runs the motion sets its own before the first sample
             self.problem.stop = Deadline(self.problem.stop, self._at)

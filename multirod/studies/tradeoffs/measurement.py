@@ -12,7 +12,7 @@ from multirod.assembly import Assembly
 from multirod.batch import Interrupted
 from multirod.inputs import Inputs
 from multirod.results.history import History
-from multirod.running.simulation import Runner, as_solver, even_times, simulate
+from multirod.running.simulation import Runner, as_solver, sample_times, simulate
 from multirod.solver import Solver
 from multirod.studies.tradeoffs import limit as clock
 from multirod.studies.tradeoffs.limit import Limited
@@ -70,7 +70,7 @@ class Measurement:
                 instance("solvers", name, str, "solvers by name")
                 instance(f"solvers[{name!r}]", solver, Solver, "a Solver such as Shooting()")
         as_solver(robot, None)
-        inputs, samples = robot.accept(inputs), even_times(time)[0]
+        inputs, samples = robot.accept(inputs), sample_times(time)[0]
         models = {} if models is None else models
         _check_models(models)
         _one_motion("inputs", robot, inputs)
