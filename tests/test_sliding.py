@@ -239,6 +239,33 @@ def test_a_rod_that_is_pulled_out_of_a_hole_is_no_result():
     assert np.isnan(solution.tip_position).all()
 
 
+def test_a_rod_that_is_pulled_out_as_a_network_snaps_is_said_to_be():
+    """A shuttle on a buckled arch, above which too little of a guide is left for where it snaps to."""
+    half = mr.Rod(length=0.158, bending_stiffness=0.02, torsional_stiffness=0.015)
+
+    def arch(above):
+        shuttle = mr.Body("shuttle", pose=pose(position=(0, 0, -0.03)))
+        guide = mr.Rod(length=0.17 + above, bending_stiffness=0.02, torsional_stiffness=0.015)
+        joints = [
+            mr.Joint("guide", "base", to=mr.ground, pose=pose(position=(0, 0, -0.2))),
+            mr.Joint("guide", "along", at=0.14, to=shuttle, kind="prismatic", stiffness=3.0, rest=0.14),
+        ]
+        for name, sign in (("left", -1), ("right", 1)):
+            inward = (0, -0.5 * np.pi * sign, 0)
+            joints.append(mr.Joint(name, "base", to=mr.ground, pose=pose(inward, (0.15 * sign, 0, 0))))
+            joints.append(mr.Joint(name, "tip", to=shuttle, pose=pose(inward)))
+        return mr.Network(rods={"left": half, "right": half, "guide": guide}, bodies=[shuttle], joints=joints)
+
+    def statuses(above):
+        robot, pushes = arch(above), np.zeros((9, 3))
+        pushes[:, 2] = np.linspace(0, 2, 9)
+        history = mr.simulate(robot, robot.inputs(force={"shuttle": pushes, "guide": (0.05, 0.03, 0)}), time=0.1 * np.arange(9))
+        return [mr.Status(own).name for own in history.status]
+
+    assert statuses(0.04) == ["CONVERGED"] * 5 + ["OUT_OF_HOLE"] * 4
+    assert statuses(0.1) == ["CONVERGED"] * 5 + ["SNAPPED"] + ["CONVERGED"] * 3
+
+
 def test_a_rod_through_holes_is_saved_and_drawn_whole(tmp_path):
     robot = threaded()
     robot.save(tmp_path / "robot.toml")

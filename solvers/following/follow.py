@@ -18,8 +18,9 @@ from multirod.solvers.continuation.pace import MOST_STEPS
 from multirod.solvers.continuation.paths import SAFE_LOAD, SINGULAR, TURN
 from multirod.solvers.energy_descent import EnergyDescent, EnergyDescentTrack
 from multirod.solvers.following.descent import Point, Points
+from multirod.solvers.following.downhill import descend
 from multirod.solvers.following.journey import Journey
-from multirod.solvers.following.many import correct, descend, trace
+from multirod.solvers.following.many import correct, trace
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Judgement, Request, Run, Settle, Trace, Weigh
 from multirod.solvers.following.turns import ClampedTurns, Turns
 from multirod.solvers.following.walk import NOISY, PIECES
@@ -252,19 +253,15 @@ class _Together:
         if self.tip is not None:
             forces, stiffness = self.tip.forces, self.tip.stiffness[places]
             unit, turned = (values[places] for values in self.tip.after(gamma))
-        return Points(
-            part.read("unknowns")[places],
-            self.levels[places],
-            residual,
-            gamma[places],
-            forces,
-            unit,
-            turned,
-            part.buffer("pose_columns")[places, None, :3, :n],
-            part.read("position")[places],
-            part.read("rotation").reshape(-1, 1, 3, 3)[places],
-            stiffness,
-        )
+        columns, position = part.buffer("pose_columns")[places, None, :3, :n], part.read("position")[places]
+        first = part.read("unknowns")[places], self.levels[places], residual, gamma[places]
+        frames = part.read("rotation").reshape(-1, 1, 3, 3)[places]
+        return Points(*first, forces, unit, turned, columns, position, frames, stiffness)
+
+    def reasons(self, places: IntArray) -> IntArray:
+        """As ``many.Server`` says."""
+        why = self.part.reasons(np.full(self.part.instance_count, Status.NONFINITE, dtype=np.int32))[places]
+        return np.where(why == Status.NONFINITE, Status.NOT_RUN, why)
 
     def _integrate(self, asked: Mapping[int, At]) -> dict[int, Point]:
         places = np.array(list(asked))
@@ -391,7 +388,8 @@ def _report(places: IntArray, journeys: Sequence[Journey], outcome: Outcome) -> 
     outcome.iterations[places] += [journey.iterations for journey in journeys]
     outcome.integrations[places] += [journey.integrations for journey in journeys]
     for place, journey in zip(places.tolist(), journeys, strict=True):
-        outcome.status[place] = journey.status
+        known = journey.status is Status.BRANCH_END and journey.edge is not Status.NOT_RUN
+        outcome.status[place] = journey.edge if known else journey.status
         if journey.events and journey.end is not None and not journey.status.failed:
             outcome.events[place] = journey.told(journey.end.position)
         if journey.neutral and not journey.status.failed:

@@ -234,7 +234,7 @@ class Journey(Walk):
     def _leave(self, critical: Point) -> Run:
         """Where the robot goes from a critical point: the point it comes to, what happened, and the modes that are neutral there;
         None where that cannot be told."""
-        self.hardly = 0
+        self.hardly, self.edge = 0, Status.NOT_RUN
         landed = (yield from self._leave_or_stay(critical, self._overshoot(critical))) if self.by_tip else None
         for clamping in range(self.clampings):
             if landed is None and (clamped := (yield from self._clamped(critical, clamping))) is not None:

@@ -1,4 +1,4 @@
-"""What takes instances the most integrations, of many at once: Newton's method, along a branch, and down in energy.
+"""What takes instances many integrations, of many at once: Newton's method, and along a branch.
 
 Every instance takes the steps that it would take alone. Numbers in parentheses are those of ``docs/branches.md``.
 """
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
 from multirod.solvers.continuation.pace import PACED, creeps
-from multirod.solvers.following.descent import RADIUS, SOFT, Point, Points, norms
-from multirod.solvers.following.requests import Answer, Correct, Descend, Run, Trace
+from multirod.solvers.following.descent import SOFT, Point, Points, norms
+from multirod.solvers.following.requests import Answer, Correct, Run, Trace
 from multirod.solvers.following.valley import FLOOR
 from multirod.validation import FloatArray
 
@@ -27,8 +27,6 @@ BALANCED = 1e-3  # of the tolerance: what needs no step
 GROWTH = 0.5  # of the way, that the next step may be
 FASTER = 3.0
 NEARER = 0.7  # of the way to where a mode vanishes, that a step goes at most: to the fourth part of Gamma and no further
-DESCENT_STEPS = 150
-SHORTEST = 1e-3  # turn of the tip by a step, that is not halved again [rad]
 
 
 class Server(Protocol):
@@ -41,6 +39,10 @@ class Server(Protocol):
 
     def points(self, places: IntArray) -> Points:
         """All that the last integration said of some of its instances."""
+        ...
+
+    def reasons(self, places: IntArray) -> IntArray:
+        """Why the last integration of some of them failed, values of ``Status``, (k,)."""
         ...
 
 
@@ -346,52 +348,3 @@ def all_alike(gamma: FloatArray, before: FloatArray, neutral: IntArray, most: Fl
 def alike(gamma: FloatArray, before: FloatArray, neutral: int) -> bool:
     """The same of two, (n, n)."""
     return bool(all_alike(gamma[None], before[None], np.array([neutral]), np.array([SOFT]))[0])
-
-
-def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:
-    """(4) Where going down in energy leads from each point, after turning the tip by ``first``; None where it leads nowhere."""
-    places, all_ = np.array(list(asked)), list(asked.values())
-    count = len(places)
-    level, tolerance = np.array([one.point.level for one in all_]), np.array([one.tolerance for one in all_])
-    left = np.array([one.left for one in all_])
-    unknowns, facing = np.array([one.point.unknowns for one in all_]), np.array([one.slope.facing for one in all_])
-    step = np.array([one.slope.change(one.first) if one.first.any() else one.slope.step(RADIUS) for one in all_])
-    slopes = [one.slope for one in all_]
-    radius, on = np.full(count, RADIUS), np.ones(count, dtype=bool)
-    integrations, spent = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-    there: list[Point | None] = [None] * count
-    for _ in range(DESCENT_STEPS):
-        spent |= on & (integrations >= left)
-        on &= ~spent
-        now = np.flatnonzero(on)
-        if not len(now):
-            break
-        _, _, over = server.evaluate(places[now], unknowns[now] + step[now], level[now])
-        integrations[now] += 1
-        spent[now] = over
-        on[now[over]] = False
-        points = server.points(places[now])
-        found = points.slopes
-        # beyond, the rod would snap though its tip were held: not in one long step
-        good = found.fit & (found.facing == facing[now])
-        shorter = now[~good & ~over]
-        radius[shorter] *= 0.5
-        on[shorter[radius[shorter] < SHORTEST]] = False
-        for i in shorter[on[shorter]].tolist():
-            step[i] = slopes[i].step(float(radius[i]))
-        with np.errstate(invalid="ignore"):
-            rests = good & ~over & (points.size <= tolerance[now]) & (found.values[:, 0] >= -SOFT)
-        for i in np.flatnonzero(rests).tolist():
-            there[now[i]] = points[i]
-        on[now[rests]] = False
-        rows = np.flatnonzero(good & ~over & ~rests)
-        some = now[rows]
-        unknowns[some] = points.unknowns[rows]
-        radius[some] = np.minimum(RADIUS, 1.5 * radius[some])
-        step[some] = found.steps(rows, radius[some])
-        for i, row in zip(some.tolist(), rows.tolist(), strict=True):
-            slopes[i] = found[row]
-    return {
-        place: Answer(there[i], int(integrations[i]), int(integrations[i]), bool(spent[i]))
-        for i, place in enumerate(places.tolist())
-    }

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from multirod.solvers.following.descent import Point, Slope
+from multirod.status import Status
 from multirod.validation import FloatArray
 
 
@@ -127,7 +128,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Descend:
-    """A request to go down in energy by the turns of the tip (``many.descend``).
+    """A request to go down in energy by the turns of the tip (``downhill.descend``).
 
     Attributes:
         point: From where.
@@ -154,6 +155,7 @@ class Answer:
         iterations: That it took.
         spent: Whether it would have taken more than it may.
         contraction: Of Newton's method.
+        edge: Of what goes down in energy, why nothing is where that leads, ``NOT_RUN`` where that is not why it ended.
     """
 
     point: Point | None
@@ -161,6 +163,7 @@ class Answer:
     iterations: int
     spent: bool
     contraction: float = np.inf
+    edge: Status = Status.NOT_RUN
 
 
 Request = At | Clamp | Judge | Weigh | Settle | Correct | Trace | Descend

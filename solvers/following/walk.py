@@ -11,8 +11,8 @@ from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.following.descent import RADIUS, SOFT, VANISHING, Point, Slope, Unfit, turn_between
+from multirod.solvers.following.downhill import next_rest
 from multirod.solvers.following.many import BALANCED, alike, led_to
-from multirod.solvers.following.ordered import next_rest
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Run, Trace, Weigh
 from multirod.solvers.following.valley import FIRST, LONGEST, along_floor, by_residuals, by_turns, down_valley, in_valley
 from multirod.status import Status
@@ -103,6 +103,7 @@ class Walk:
     hardly: int = 0  # modes in which hardly anything holds what it has come down a valley to: 1, or none
     valley: bool = False  # whether it has come to one
     beside: bool = False  # whether the last step beyond a critical point led to what is beside it
+    edge: Status = Status.NOT_RUN  # why there is nothing where the last descent led
 
     def __post_init__(self) -> None:
         self.events: list[BranchEvent] = []
@@ -224,8 +225,7 @@ class Walk:
         if origin is not None:
             first = max(first, STIFFER * (start.level - origin.level))
         ways = first, self.safe_step, self.most_step, self.max_steps
-        aside = self.hardly > neutral
-        count = max(neutral, self.hardly)
+        count, aside = max(neutral, self.hardly), self.hardly > neutral
         return (yield from self._ask(Trace(start, count, self.tolerance, self._left, *ways, origin, aside, self.loud))).point
 
     def _let_down(self, point: Point) -> Run:
@@ -340,7 +340,8 @@ class Walk:
         if slope.clamps:
             landed = yield from self._descend_clamped(point, slope, first)
             return landed
-        landed = (yield from self._ask(Descend(point, slope, first, self.within, self._left))).point
+        answer = yield from self._ask(Descend(point, slope, first, self.within, self._left))
+        landed, self.edge = answer.point, answer.edge
         if landed is None and len(point.unknowns) == 1:  # it would snap though its tip be held
             way = slope.change(first) if first.any() else slope.step(RADIUS)
             landed = yield from next_rest(self._at, point, float(np.sign(way[0])), self.within)

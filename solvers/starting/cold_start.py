@@ -244,7 +244,8 @@ class ColdStart:
     def _begin_anywhere(self) -> None:
         """What inputs hold, from several places where it would rest."""
         if self.options.at_fold != "stop":
-            self._released().begin_scattered(self.lost & np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE)))
+            astray = (*WITHOUT_REASON, Status.NONFINITE, Status.OUT_OF_HOLE)
+            self._released().begin_scattered(self.lost & np.isin(self.outcome.status, astray))
 
     def _ease(self, some: BoolArray) -> None:
         """What hardly twists, or does not, of ``some``, by what twists a little more; once."""
