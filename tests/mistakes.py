@@ -929,6 +929,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "named are rods=, bodies=, joints=",
             "Network(rods={'a': rod}, joints=[...])",
         ),
+        Mistake(
+            "NaN for a coordinate of a target that is free",
+            "mr.reach(robot, mr.Pose(position=(np.nan, np.nan, 0.28)), free='rotation')",
+            ValueError,
+            "along=direction two",
+            "mr.Pose(position=(0, 0, 0.28), along=(0, 0, 1))",
+        ),
         Mistake("a matrix for a pose", "mr.Pose(np.eye(4))", TypeError, "position=T[:3, 3]", "position=, rotation="),
         Mistake(
             "a pose for a position", "mr.Pose(position=np.eye(4))", ValueError, "must have shape (..., 3)", "position=, rotation="

@@ -73,6 +73,28 @@ def test_a_target_in_a_picture_is_followed_without_lag(start):
         loop.step(axis=direction, across=direction)
 
 
+def test_one_coordinate_and_a_tilt_are_followed_without_lag(start):
+    direction = np.array([1.0, 0.3, -0.2]) / np.linalg.norm([1.0, 0.3, -0.2])
+    path, loop, off = figure_of_eight(start, 200), loop_of(start, 200), []
+    tilt = start.tip_rotation[:, 2]
+    for k, y in enumerate(path[:40]):
+        aside = np.sin(k) * np.cross(direction, (0, 0, 1))
+        command = loop.step(position=y + aside, along=2 * direction, axis=tilt)
+        assert command.status is mr.Status.TRACKING
+        assert int(command.integrations) == 1
+        there = solved(command.inputs, command)
+        off.append([abs((there.tip_position - y) @ direction), 0.1 * np.linalg.norm(there.tip_rotation[:, 2] - tilt)])
+        assert command.target_error < 1e-9
+    assert np.max(off[4:]) < 5e-7  # as of a position
+    seen = there.tip_position + (1e-3, 0, 0)
+    for _ in range(60):
+        command = loop.step(position=path[39], along=direction, axis=tilt, measured_position=seen)
+        seen = solved(command.inputs, command).tip_position + (1e-3, 0, 0)
+    assert abs((seen - path[39]) @ direction) < 1e-6  # the offset is corrected along it
+    with pytest.raises(ValueError, match="along"):
+        loop.step(position=seen, along=direction, across=direction)
+
+
 def test_a_place_is_held_under_a_load_that_moves(start):
     """What a load moves is not held against the steps before: the drives meet it at once, and come to rest when it does."""
     loop, force = loop_of(start, 200), start.inputs.tip_force

@@ -149,6 +149,22 @@ def test_base_and_measurement_may_be_moved_together(robot, wire, trials, make_po
     np.testing.assert_allclose(there.covariance(), R @ here.covariance() @ R.T, atol=1e-9 * SIGMA**2)
 
 
+def test_one_coordinate_tells_what_a_position_without_the_others_does(robot, trials):
+    position, z = trials[1][:20], np.array([0.0, 0.0, 1.0])
+    x = np.array([1.0, 0.0, 0.0])
+    alone = mr.Pose(position=np.where(x == 1, position, np.nan), sigma=POSITION)
+    expected = mr.estimate(robot, unknown=PRIOR, measured=alone).raise_if_failed()
+    gauge = mr.Pose(position=position + RANDOM_DEPTHS[:20, None] * z, along=-2 * x, sigma=POSITION)
+    assert gauge.count == 1
+    found = mr.estimate(robot, unknown=PRIOR, measured=gauge)
+    np.testing.assert_allclose(found.value("tip_force"), expected.value("tip_force"), atol=1e-8)
+    np.testing.assert_allclose(found.covariance(), expected.covariance(), atol=1e-8 * SIGMA**2)
+    assert (found.degrees == 1).all()
+    one = mr.Pose(position=position[0], sigma=POSITION)
+    lost = mr.estimate(robot, unknown=PRIOR, measured=[one, mr.Pose(position=(np.nan, 0, 0), along=x, sigma=POSITION)])
+    assert "without sensor 1" in str(lost)
+
+
 def test_pictures_tell_of_a_position_what_lies_across_their_directions(robot, wire, trials, make_pose):
     """In one along z x and y are seen; whatever is told along it counts for nothing; and so it is however all is turned."""
     moved = make_pose((0.4, -1.1, 0.3), (0.2, -0.1, 0.5))

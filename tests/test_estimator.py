@@ -468,6 +468,19 @@ def test_a_sample_seen_in_two_pictures(make, wandering):
     assert "without sensor 0, sensor 1" in str(blind)
 
 
+def test_a_sample_of_one_coordinate_each(make, wandering):
+    directions, random = np.eye(3)[:2], np.random.default_rng(4)
+    gauges = [mr.Pose(position=(0, 0, 0.4), along=direction, sigma=POSITION) for direction in directions]
+    plain = [mr.Pose(position=(0, 0, 0.4), sigma=POSITION)] * 2
+    by_gauges, by_numbers = make(sensors=gauges), make(sensors=plain)
+    for position in wandering[1][:20]:
+        sample = by_gauges.step([position + random.normal() * (1 - direction) for direction in directions])
+        other = by_numbers.step([np.where(direction == 1, position, np.nan) for direction in directions])
+        assert "without" not in str(sample)
+        np.testing.assert_allclose(sample.value("tip_force"), other.value("tip_force"), atol=1e-9)
+        np.testing.assert_allclose(sample.covariance(), other.covariance(), atol=1e-12)
+
+
 def test_what_moves_twice_as_fast_leaves_four_times_the_error():
     """Measured without noise: what is left is what a sample is told to first order by, which no covariance has."""
 

@@ -9,7 +9,7 @@ import multirod as mr
 from multirod.rotations import vectors
 from multirod.tasks.formulation import options
 from multirod.tasks.measuring.along import AlongTask, Places
-from multirod.tasks.rows import of_what_is_there, whitening
+from multirod.tasks.whitening import of_what_is_there, whitening
 
 WIRE = {"length": 0.4, "bending_stiffness": 0.223349, "torsional_stiffness": 0.063814, "precurvature": (14, 5, 0)}
 NODES = (15, 30, 45)
@@ -235,6 +235,10 @@ def test_rounding_mixes_no_rows(wire, seen):
         ({"sigma": (1e-3, 1e-3)}, "Pose.sigma.*three along the axes of the world"),
         ({"sigma": (1e-3, 0.0, 1e-3)}, "Pose.sigma.*> 0"),
         ({"across": (0, 0, 1), "sigma": (1e-3,) * 3}, "Pose.sigma.*must be one number: of the position"),
+        ({"along": (0, 0, 1), "sigma": (1e-3,) * 3}, "Pose.sigma.*must be one number: of the position"),
+        ({"along": (0, 0, 1), "across": (1, 0, 0)}, "Pose.along.*must not be given beside across"),
+        ({"along": (0, 0, 0)}, "Pose.along.*must not be zero"),
+        ({"along": (0, np.nan, 1)}, "Pose.along.*must be finite"),
         ({"rotation": np.eye(3), "sigma": (1e-3, (1e-3, 1e-3))}, "Pose.sigma.*must be a pair"),
         ({"sigma": None}, "sigma = None .*must be given"),
         ({"covariance": np.eye(3)}, "Pose.sigma.*beside covariance"),

@@ -861,6 +861,31 @@ def test_a_line_is_reached_where_it_is_near(start):
     assert beyond.target_error > 0.3  # the tubes are 0.4 m long, and bent
 
 
+@pytest.mark.parametrize("tilted", [False, True])
+def test_one_coordinate_is_reached_alone_or_beside_a_tilt(start, tilted, tmp_path):
+    """A height and a tilt, each of a batch with a direction of its own: nothing is asked for in the plane across."""
+    there = goals(start, 8)
+    direction = np.random.default_rng(5).normal(size=(8, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    aside = np.cross(direction, (0.3, 1.0, -0.5))
+    axis = {"axis": there.tip_rotation[..., 2]} if tilted else {}
+    target = mr.Pose(position=there.tip_position + 2 * aside, along=-3 * direction, **axis)
+    assert target.count == 1 + 2 * tilted
+    found = mr.reach(TUBES, target, free=FREE, limits=LIMITS, guess=start, solver=SOLVER)
+    assert (found.status == mr.Status.REACHED).all()
+    off = ((found.tip_position - there.tip_position) * direction).sum(axis=1)
+    np.testing.assert_allclose(off, 0, atol=1e-7)
+    np.testing.assert_allclose(found.target_error, np.abs(off), atol=1e-9)
+    if tilted:
+        np.testing.assert_allclose(found.tip_rotation[..., 2], there.tip_rotation[..., 2], atol=1e-6)
+    else:
+        assert np.linalg.norm(found.tip_position - there.tip_position, axis=1).min() > 1e-4  # it is not where the other was
+    found[3].save(tmp_path / "found.npz")
+    again = mr.load(tmp_path / "found.npz")
+    np.testing.assert_array_equal(again.target.along, found[3].target.along)
+    assert float(again.target_error) == float(found[3].target_error)
+
+
 def test_how_far_off_a_target_is_left_is_told_of_an_equilibrium(start):
     """Of the last iterate before: up to a quarter off, where that was on its way to one."""
     target = start.tip_position + np.random.default_rng(1).normal(size=(20, 3)) * (0.2, 0.2, 0.1)

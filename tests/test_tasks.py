@@ -63,6 +63,29 @@ def test_rows_of_a_pose_by_differences(kind, turned):
         np.testing.assert_allclose(columns[0, :, k], slope, atol=1e-10)
 
 
+@pytest.mark.parametrize("sight", ["across", "along"])
+def test_rows_of_a_part_of_a_position_by_differences(sight):
+    """(4b), (4c) beside an axis, of two instances with directions of their own."""
+    direction = np.array([[1.0, 0.3, -0.2], [0.0, 0.0, 2.0]])
+    unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    target: Any = {sight: direction}
+    pose = Pose(position=(0.1, 0.2, 0.3), axis=(0, 0.6, 0.8), **target)
+    rows, first = pose.rows(0.5, (2,)), {"across": 2, "along": 1}[sight]
+    assert pose.count == rows.count == first + 2
+    position, frames = RANDOM.normal(size=(2, 3)), matrices(RANDOM.normal(size=(2, 3)))
+    errors, _, columns = rows.at(evaluation(position, frames))
+    off = position - (0.1, 0.2, 0.3)
+    left = (off * unit).sum(axis=1) if sight == "along" else np.linalg.norm(np.cross(off, unit), axis=1)
+    if sight == "along":
+        np.testing.assert_allclose(errors[:, 0], left / 0.25, rtol=1e-13)
+    np.testing.assert_allclose(np.linalg.norm(errors[:, :first], axis=1), np.abs(left) / 0.25, rtol=1e-13)
+    h = 1e-5
+    for k in range(6):
+        move = h * np.eye(6)[[k, k]]
+        ends = [rows.at(evaluation(position + s * move[:, :3], matrices(s * move[:, 3:]) @ frames))[0] for s in (1, -1)]
+        np.testing.assert_allclose(columns[..., k], (ends[0] - ends[1]) / (2 * h), atol=1e-8)  # second order, rounding over h
+
+
 def test_the_step_is_that_of_an_enumeration_of_all_working_sets():
     """Each subset of limits as equations: the best one that keeps all limits is the minimum, as the programme is convex."""
     for _ in range(40):

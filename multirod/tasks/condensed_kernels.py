@@ -93,6 +93,20 @@ def across(axis: wp.vec3d) -> wp.mat33d:
     return wp.matrix_from_rows(first, wp.cross(axis, first), wp.vec3d())
 
 
+@wp.func
+def position_count(kind: int) -> int:
+    """How many rows a position has: all, across a direction, along it."""
+    return wp.where(kind == 0, 0, 4 - kind)
+
+
+@wp.func
+def counted(kind: int, direction: wp.vec3d) -> wp.mat33d:
+    """Rows: the directions that a position counts in, across one or along it, and zeros."""
+    if kind == 2:
+        return across(direction)
+    return wp.matrix_from_rows(direction, wp.vec3d(), wp.vec3d())
+
+
 @wp.func(inline=False)
 def position_rows(
     s: Condensed, r: wp.array2d[wp.float64], J: wp.array3d[wp.float64], t: int, row: int, goal: wp.vec3d, weight: f64
@@ -113,13 +127,14 @@ def sighted_rows(
     t: int,
     row: int,
     goal: wp.vec3d,
+    kind: int,
     direction: wp.vec3d,
     weight: f64,
 ):
-    """(4b)"""
-    frame = across(direction)
+    """(4b), (4c)"""
+    frame = counted(kind, direction)
     error = frame * (s.position[t] - goal)
-    for i in range(2):
+    for i in range(position_count(kind)):
         place_row(s, r, J, t, row + i, error[i], wp.vec3d(frame[i, 0], frame[i, 1], frame[i, 2]), 0, weight)
 
 
@@ -189,15 +204,14 @@ def place_errors(
     direction: wp.vec3d,
     weight: wp.vec2d,
 ):
-    """``W (h - y)`` alone, as (4) to (6) have it, of what a target has: a position, all or across a direction, a rotation, an
-    axis."""
+    """``W (h - y)`` alone, as (4) to (6) have it, of what a target has: a position, all, across a direction or along it, a
+    rotation, an axis."""
     row = int(0)
     if kind[0] != 0:
         error = s.position[t] - position
-        row = 3
-        if kind[0] == 2:
-            error = across(direction) * error
-            row = 2
+        row = position_count(kind[0])
+        if kind[0] > 1:
+            error = counted(kind[0], direction) * error
         for i in range(row):
             errors[t, i] = weight[0] * error[i]
     if kind[1] != 0:

@@ -7,22 +7,19 @@ from typing import ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod import plausibility
 from multirod.batch import Instances, IntArray, broadcast_shapes, take
 from multirod.frames import Framed
 from multirod.naming import hinted
 from multirod.plausibility.limits import LENGTH
 from multirod.rotations import AIMLESS, BACK, ORTHOGONAL, SIDEWAYS, TURNED, cross, inverse_left_jacobian, refuse_unturned, vectors
-from multirod.tasks.deviations import deviations
 from multirod.tasks.formulation import Evaluation
+from multirod.tasks.whitening import POSITION_ROWS, Kind, row_count, whitening
 from multirod.types import Numbers
 from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, first_of, measurement, nonnegative_float, refuse
 
 NEARBY = LENGTH.high  # within which a place is nothing to warn of [m]
-PARTS = ("position", "rotation", "axis", "across")  # of a pose
-Kind = tuple[int, int, int]  # whether there is a position (2: across a direction), a rotation, an axis
-POSITION_ROWS = (0, 3, 2)  # of each of these
-SYMMETRIC = 1e-9  # what a covariance may be off its transpose, of its largest entry
+PARTS = ("position", "rotation", "axis", "across", "along")  # of a pose
+SIGHTS = PARTS[3:]  # by which part of a position counts: both are kept as one ``direction``
 SERIES_BELOW = 1e-3  # of 1 less a cosine, below which the angle over its sine is a series
 
 
@@ -47,11 +44,12 @@ class Pose(Framed):
         position: In the world [m], shape (..., 3).
         across: Direction in the world across which alone the position counts, of any length, shape (..., 3): a measurement in a
             picture that is taken along it, or a target anywhere on a line along it. All of the position counts by default.
+        along: In place of ``across``, direction along which alone it counts: one coordinate, such as a height, (0, 0, 1).
         rotation: Body to world, shape (..., 3, 3).
         axis: Direction in the world that the z axis of the end effector has, of any length, shape (..., 3).
         sigma: Standard deviations of a measurement: of the position [m] and of the angles [rad], a pair, or one of these where
             only one of the two is given. Each is one number, or three along the axes of the world; of an axis, and of a position
-            ``across`` a direction, one. None of a target.
+            ``across`` or ``along`` a direction, one. None of a target.
         covariance: In place of ``sigma``, of a position (3, 3) [m^2], of a rotation (3, 3) [rad^2], as a rotation vector, or of
             both (6, 6), all in the world: such as ``C @ diag([1e-8, 1e-8, 1e-6]) @ C.T`` of a camera whose axes are the columns
             of ``C``.
@@ -61,9 +59,9 @@ class Pose(Framed):
             is that of its own frame.
 
     Raises:
-        ValueError: If a rotation is none, an axis or ``across`` is zero, ``sigma`` is not > 0 or ``covariance`` not symmetric and
-            positive definite, both or none of rotation and axis are given without a position, ``across`` is given without one,
-            ``at`` is < 0, or leading axes do not broadcast.
+        ValueError: If a rotation is none, an axis or another direction is zero, ``sigma`` is not > 0 or ``covariance`` not
+            symmetric and positive definite, both or none of rotation and axis are given without a position, ``across`` or
+            ``along`` is given without one, or both are, ``at`` is < 0, or leading axes do not broadcast.
     """
 
     quantity: ClassVar = "poses"
@@ -77,6 +75,7 @@ class Pose(Framed):
         axis: Numbers | None = None,
         sigma: Numbers | None = None,
         across: Numbers | None = None,
+        along: Numbers | None = None,
         covariance: Numbers | None = None,
         at: float | None = None,
         rod: int | str | None = None,
@@ -85,19 +84,22 @@ class Pose(Framed):
             refuse("Pose.axis", axis, "must not be given beside rotation, of which it is a part")
         if position is None and rotation is None and axis is None:
             raise ValueError("Pose needs a position, a rotation or an axis")
-        if across is not None and position is None:
-            refuse("Pose.across", across, "must not be given without a position, which counts across it")
+        for name, value in zip(SIGHTS, (across, along), strict=True):
+            if value is not None and position is None:
+                refuse(f"Pose.{name}", value, f"must not be given without a position, which counts {name} it")
+        if across is not None and along is not None:
+            refuse("Pose.along", along, "must not be given beside across, which says what else of the position counts")
         self.position = None if position is None else vector("Pose.position", position)
         # whether it is a position alone, of one instance, with nothing missing and nothing far: most targets are
         self.ordinary = False
-        if rotation is axis is across is None and self.position is not None and self.position.ndim == 1:
+        if rotation is axis is across is along is None and self.position is not None and self.position.ndim == 1:
             self.ordinary = all(-NEARBY <= value <= NEARBY for value in self.position.tolist())
         measured = sigma is not None or covariance is not None
         self.rotation = None if rotation is None else _rotation(rotation, TURNED if measured else ORTHOGONAL)
         self.axis = None if axis is None else _direction("Pose.axis", axis)
-        self.across = None if across is None else _direction("Pose.across", across)
-        if self.across is not None and np.isnan(self.across).any():
-            refuse("Pose.across", across, "must be finite: what was not measured is NaN in the position")
+        self.across, self.along = (
+            None if value is None else _sight(f"Pose.{name}", value) for name, value in zip(SIGHTS, (across, along), strict=True)
+        )
         self._kind, self._given = _kind(self), _given(self)
         self.whitening = whitening(self._kind, sigma, covariance)
         self.at, self.rod = None if at is None else nonnegative_float("Pose.at", at), rod
@@ -110,7 +112,7 @@ class Pose(Framed):
 
     @property
     def alone(self) -> bool:  # noqa: D102
-        return not self.measures and self.at is None and self.across is None
+        return not self.measures and self.at is None and self.across is self.along is None
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -128,12 +130,12 @@ class Pose(Framed):
         return None if self.at is None else np.array([self.at])
 
     def _parts(self) -> list[tuple[FloatArray, int]]:
-        parts = ((self.position, 1), (self.rotation, 2), (self.axis, 1), (self.across, 1))
+        parts = ((self.position, 1), (self.rotation, 2), (self.axis, 1), (self.across, 1), (self.along, 1))
         return [(value, tail) for value, tail in parts if value is not None]
 
     @property
     def count(self) -> int:
-        """Rows: 3 of a position, 2 of one across a direction, 3 of a rotation, 2 of an axis."""
+        """Rows: 3 of a position, 2 of one across a direction, 1 of one along it, 3 of a rotation, 2 of an axis."""
         return row_count(self._kind)
 
     @property
@@ -170,7 +172,13 @@ class Pose(Framed):
 
         weight = np.ones(2) if self.measures else np.array([1 / length**2, 1 / length])
         return PoseRows(
-            taken(self.position, 1), taken(self.rotation, 2), taken(self.axis, 1), weight, taken(self.across, 1), self.whitening
+            taken(self.position, 1),
+            taken(self.rotation, 2),
+            taken(self.axis, 1),
+            weight,
+            taken(self.across, 1),
+            self.whitening,
+            along=taken(self.along, 1),
         )
 
     def __repr__(self) -> str:
@@ -192,6 +200,7 @@ class PoseRows:
         whitening: Lower triangular, what all rows are multiplied by afterwards, shape (m, m), or one for each instance, where
             what is missing differs, (b, m, m), or None.
         place: Of a marker: its rod, and which of all places it is at. None of the end effector.
+        along: In place of ``across``, unit vectors (b, 3) along which the position counts, or None.
     """
 
     position: FloatArray | None
@@ -201,6 +210,7 @@ class PoseRows:
     across: FloatArray | None = None
     whitening: FloatArray | None = None
     place: tuple[int, int] | None = None
+    along: FloatArray | None = None
 
     @cached_property
     def kind(self) -> Kind:
@@ -224,14 +234,12 @@ class PoseRows:
 
     def take(self, instances: Instances) -> Self:
         """Those of some instances, by an index of the first axis."""
-        values = (self.position, self.rotation, self.axis, self.across)
-        position, rotation, axis, across = (None if value is None else value[instances] for value in values)
         own = self.whitening
         whitening = own[instances] if own is not None and own.ndim > 2 else own
-        return replace(self, position=position, rotation=rotation, axis=axis, across=across, whitening=whitening)
+        return replace(self, **{name: getattr(self, name)[instances] for name in self.given}, whitening=whitening)
 
     def at(self, found: Evaluation) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As ``Rows`` say; (4) of a position, (4b) across a direction, (5) of a rotation, (6) of an axis."""
+        """As ``Rows`` say; (4) of a position, (4b) across a direction, (4c) along it, (5) of a rotation, (6) of an axis."""
         position, rotation, by_unknowns, by_free = found.pose_at(self.place)
         errors, maps = self.errors(position, rotation)
         return errors, maps @ by_unknowns, maps @ by_free
@@ -243,6 +251,7 @@ class PoseRows:
         row = self.position_rows
         if self.position is not None:
             sides = np.eye(3) if self.across is None else _sides(self.across)
+            sides = sides if self.along is None else self.along[..., None, :]
             errors[:, :row] = self.weight[0] * (sides @ (position - self.position)[..., None])[..., 0]
             maps[:, :row, :3] = self.weight[0] * sides
         if self.rotation is not None:
@@ -263,13 +272,8 @@ def _given(parts: "Pose | PoseRows") -> tuple[str, ...]:
 
 
 def _kind(parts: "Pose | PoseRows") -> Kind:
-    position = 0 if parts.position is None else 1 if parts.across is None else 2
+    position = 0 if parts.position is None else 2 if parts.across is not None else 1 if parts.along is None else 3
     return position, int(parts.rotation is not None), int(parts.axis is not None)
-
-
-def row_count(kind: Kind) -> int:
-    """Rows of a pose of a kind."""
-    return POSITION_ROWS[kind[0]] + 3 * kind[1] + 2 * kind[2]
 
 
 def _sides(axis: FloatArray) -> FloatArray:
@@ -327,57 +331,9 @@ def _direction(field: str, value: object) -> FloatArray:
     return np.asarray(result / size)
 
 
-def of_what_is_there(whitening: FloatArray, there: NDArray[np.bool_]) -> FloatArray:
-    """(19) of ``docs/estimation.md``: whitening of the numbers (b, m) that are there alone, zeros in the place of the others,
-    shape (b, m, m); as it is where all are there, or it mixes none."""
-    if there.all() or not np.tril(whitening, -1).any():
-        return whitening
-    root = np.linalg.inv(whitening)
-    patterns, which = np.unique(there, axis=0, return_inverse=True)
-    result = np.zeros((len(patterns), *whitening.shape))
-    for own, known in zip(result, patterns, strict=True):
-        if known.all():  # as alone, to the last bit
-            own[:] = whitening
-            continue
-        rows = np.flatnonzero(known)
-        own[np.ix_(rows, rows)] = _inverse_root(root[rows] @ root[rows].T)
-    return np.asarray(result[which.reshape(-1)])
-
-
-def _inverse_root(covariance: FloatArray) -> FloatArray:
-    """(17) That of the Cholesky factor; rounding leaves a little above its diagonal, which would mix rows."""
-    return np.tril(np.linalg.inv(np.linalg.cholesky(covariance)))
-
-
-def whitening(kind: Kind, sigma: object, covariance: object) -> FloatArray | None:
-    """Rows of a measurement in standard deviations: the lower triangular matrix (m, m) that makes them so; None of a target."""
-    if covariance is not None:
-        return _root(kind, sigma, covariance)
-    if sigma is None:
-        return None
-    result = _sigma(kind, sigma)
-    plausibility.of_pose_sigma(result, POSITION_ROWS[kind[0]])
-    return np.diag(1 / result)
-
-
-def _sigma(kind: Kind, value: object) -> FloatArray:
-    """Standard deviations of each row, (m,)."""
-    parts = [("the position [m]", POSITION_ROWS[kind[0]], kind[0] == 1)] if kind[0] else []
-    parts += [("the angles [rad]", 3 if kind[1] else 2, bool(kind[1]))] if kind[1] or kind[2] else []
-    return deviations("Pose.sigma", value, parts)
-
-
-def _root(kind: Kind, sigma: object, covariance: object) -> FloatArray:
-    """Of a covariance."""
-    if sigma is not None:
-        refuse("Pose.sigma", sigma, "must not be given beside covariance, which says it")
-    if kind[0] == 2 or kind[2]:
-        raise ValueError("Pose.covariance must not be given of an axis, or of a position across a direction: give sigma")
-    size = row_count(kind)
-    result = array("Pose.covariance", covariance, (size, size))
-    if result.ndim > 2:
-        refuse("Pose.covariance", Described(f"array of shape {result.shape}"), f"must be ({size}, {size})")
-    if np.abs(result - result.T).max() > SYMMETRIC * np.abs(result).max() or (np.linalg.eigvalsh(result) <= 0).any():
-        raise ValueError("Pose.covariance must be symmetric and positive definite")
-    plausibility.of_pose_sigma(np.sqrt(np.diagonal(result)), POSITION_ROWS[kind[0]])
-    return _inverse_root(result)
+def _sight(field: str, value: object) -> FloatArray:
+    """Unit vectors (..., 3) that say which part of a position counts."""
+    result = _direction(field, value)
+    if np.isnan(result).any():
+        refuse(field, value, "must be finite: what was not measured is NaN in the position")
+    return result

@@ -20,9 +20,10 @@ from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
 from multirod.tasks.programme_kernels import Programme
-from multirod.tasks.rows import Kind, PoseRows, row_count
+from multirod.tasks.rows import SIGHTS, PoseRows
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK
+from multirod.tasks.whitening import Kind, row_count
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
@@ -72,8 +73,8 @@ class ControlStep:
         shaped: Rows of limits of the shape beside ``rows``, which ``limit_shape`` sets.
 
     Attributes:
-        given: By name what to write before ``launch``: ``position``, ``rotation``, ``axis``, ``across``,
-            ``seen_position``, ``seen_rotation``, and ``seen``, of both 0, 1 for measured, -1 for missing.
+        given: By name what to write before ``launch``: parts of a target, ``seen_position``, ``seen_rotation``, and ``seen``, of
+            both 0, 1 for measured, -1 for missing.
         under: What is not free, as ``others_changed`` found it last.
     """
 
@@ -92,11 +93,12 @@ class ControlStep:
         self._whole, self._watch, self._problem, self._kinks, device = task, watch, problem, problem.kinks, problem.device
         self._rows, self._unit, self._gains, self._centre = rows, unit, gains, centre
         self._weight = float(weight[0]), float(weight[1])
-        vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
+        vectors = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "direction": wp.vec3d}
         vectors |= {"seen_position": wp.vec3d, "seen_rotation": wp.mat33d}
         self._given = {name: Shared((1,), dtype, device) for name, dtype in vectors.items()}
         self._given["seen"] = Shared((1, 2), wp.int32, device)
         self.given: dict[str, Any] = {name: each.values[0] for name, each in self._given.items()}
+        self.given |= dict.fromkeys(SIGHTS, self.given["direction"])
         self._task: Any
         self._task, self._columns = condensed(task)
         self._count = task.count
@@ -355,13 +357,10 @@ class ControlStep:
         position_given, rotation_given, axis_given = (bool(own) for own in self._kind)
         moved, turned = (self._kept["offset"].numpy()[0, part] for part in range(2))
         back, given = matrices(-turned[None])[0], self.given
-        target = PoseRows(
-            given["position"] - moved if position_given else None,
-            back @ given["rotation"] if rotation_given else None,
-            back @ given["axis"] if axis_given else None,
-            np.ones(2),
-            given["across"] if self._kind[0] == 2 else None,
-        )
+        parts = {"position": given["position"] - moved, "rotation": back @ given["rotation"], "axis": back @ given["axis"]}
+        parts = {name: value if own else None for (name, value), own in zip(parts.items(), self._kind, strict=True)}
+        parts |= {name: given["direction"] for name, own in zip(SIGHTS, (2, 3), strict=True) if self._kind[0] == own}
+        target = PoseRows(weight=np.ones(2), **parts)
         left = target.errors(position, rotation.reshape(1, 3, 3))[0][0]
         first = target.position_rows
         distance, angle = np.linalg.norm(left[:first]), np.linalg.norm(left[first:])

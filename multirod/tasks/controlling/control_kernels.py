@@ -9,7 +9,17 @@ from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.own_module import own_module
 from multirod.models.rotation_kernels import rotation_from_vector, rotation_vector
 from multirod.status import Status
-from multirod.tasks.condensed_kernels import across, axis_rows, condense, position_rows, rotation_rows, sighted_rows, tilt
+from multirod.tasks.condensed_kernels import (
+    across,
+    axis_rows,
+    condense,
+    counted,
+    position_count,
+    position_rows,
+    rotation_rows,
+    sighted_rows,
+    tilt,
+)
 from multirod.tasks.controlling.control_step_kernels import LEFT_OVER, ON_TARGET, Control, bounded, factor, holds, place_start
 from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, stand, strayed
 
@@ -44,20 +54,15 @@ def measure(s: Control, t: int):
 
 
 @wp.func
-def first_of_angles(s: Control) -> int:
-    """How many rows a position has."""
-    return wp.where(s.kind[0] == 2, 2, 3 * s.kind[0])
-
-
-@wp.func
 def place_target(s: Control, t: int):
     """(3) Rows of the target of the model, whose robot is off it."""
     back = rotation_from_vector(-s.offset[t, 1])
-    row = first_of_angles(s)
+    row = position_count(s.kind[0])
     if s.kind[0] == 1:
         position_rows(s.task, s.step.r, s.step.J, t, 0, s.position[t] - s.offset[t, 0], s.weight[0])
-    if s.kind[0] == 2:
-        sighted_rows(s.task, s.step.r, s.step.J, t, 0, s.position[t] - s.offset[t, 0], s.across[t], s.weight[0])
+    if s.kind[0] > 1:
+        goal = s.position[t] - s.offset[t, 0]
+        sighted_rows(s.task, s.step.r, s.step.J, t, 0, goal, s.kind[0], s.direction[t], s.weight[0])
     if s.kind[1] != 0:
         rotation_rows(s.task, s.step.r, s.step.J, t, row, back * s.rotation[t], s.weight[1])
     if s.kind[2] != 0:
@@ -74,8 +79,8 @@ def look_back(s: Control, t: int):
     for i in range(3):
         off[i] = off[i] + s.task.carried[t, i, 0]
         turn[i] = turn[i] + s.task.carried[t, 3 + i, 0]
-    if s.kind[0] == 2:
-        off = across(s.across[t]) * off
+    if s.kind[0] > 1:
+        off = counted(s.kind[0], s.direction[t]) * off
     if s.kind[2] != 0:
         turn = turn - wp.dot(turn, s.axis[t]) * s.axis[t]
     total = f64(0.0)
@@ -136,10 +141,10 @@ def expect(s: Control, t: int) -> bool:
     by = f64(2.0) * turn - s.motion[t, 1]
     s.motion[t, 0] = move
     s.motion[t, 1] = turn
-    row = first_of_angles(s)
+    row = position_count(s.kind[0])
     aside = to
-    if s.kind[0] == 2:
-        aside = across(s.across[t]) * to
+    if s.kind[0] > 1:
+        aside = counted(s.kind[0], s.direction[t]) * to
     for i in range(row):
         s.ahead[t, i] = -s.weight[0] * aside[i]
     if s.kind[1] != 0:
@@ -192,7 +197,7 @@ def tell(s: Control, t: int):
     k = s.step.J.shape[2]
     short = f64(0.0)
     asked = f64(0.0)
-    first = first_of_angles(s)
+    first = position_count(s.kind[0])
     off = f64(0.0)
     angle = f64(0.0)
     for i in range(m):

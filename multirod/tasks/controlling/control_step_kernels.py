@@ -34,14 +34,14 @@ class Control:
     high: wp.array[wp.float64]
     weight: wp.vec2d  # of positions, of angles
     gain: wp.vec2d  # (15) of the offset, of its drift
-    kind: wp.vec3i  # whether there is a position (2: across a direction), a rotation, an axis
+    kind: wp.vec3i  # whether there is a position (2: across a direction, 3: along it), a rotation, an axis
     pulled: int  # whether what the target leaves free is pulled to ``centre``
     centre: wp.array[wp.float64]  # (k,)
     # what is asked for and measured
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]
     axis: wp.array[wp.vec3d]
-    across: wp.array[wp.vec3d]
+    direction: wp.array[wp.vec3d]
     seen_position: wp.array[wp.vec3d]
     seen_rotation: wp.array[wp.mat33d]
     seen: wp.array2d[int]  # of each: 0 not measured, 1 measured, -1 missing

@@ -36,9 +36,10 @@ from multirod.tasks.freed import chosen, refuse_freed, values_of, with_values
 from multirod.tasks.given import plain, turned
 from multirod.tasks.limits import ROUNDING_BEYOND, Limits, limit_rows, nearest, refuse_start
 from multirod.tasks.preferred import centre_of
-from multirod.tasks.rows import PARTS, Kind, Pose
+from multirod.tasks.rows import PARTS, Pose
 from multirod.tasks.watch import Watch
 from multirod.tasks.watch_kernels import LOOK, NEXT
+from multirod.tasks.whitening import Kind
 from multirod.types import Numbers
 from multirod.validation import (
     SMALLEST_AXIS,
@@ -213,6 +214,7 @@ class Controller(Uncopied, Generic[Robot_co]):
         rotation: Numbers | None = None,
         axis: Numbers | None = None,
         across: Numbers | None = None,
+        along: Numbers | None = None,
         measured_position: Numbers | None = None,
         measured_rotation: Numbers | None = None,
         **changes: Numbers,
@@ -223,7 +225,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             position: Of the tip, in the world [m], shape (3,).
             rotation: Of the tip, body to world, shape (3, 3).
             axis: Direction of the tip's z axis in the world, shape (3,), in place of the rotation.
-            across: Direction in the world across which alone the position counts, shape (3,): a target in a picture.
+            across, along: Direction across or along which alone the position counts, shape (3,), as of a ``Pose``.
             measured_position: Where the robot's tip is seen to be [m], under the inputs of the last sample. NaN is a sensor that
                 dropped out: the sample goes on without it, and says so.
             measured_rotation: Its rotation, likewise.
@@ -249,7 +251,7 @@ class Controller(Uncopied, Generic[Robot_co]):
             raise RuntimeError("this Controller is in use on another thread: make a Controller for each thread")
         try:
             seen = self._seen(measured_position, measured_rotation)
-            kind = self._aim(position, rotation, axis, across)
+            kind = self._aim({"position": position, "rotation": rotation, "axis": axis, "across": across, "along": along})
             if not self._looked:  # once: who gives another unit does so from the first sample on
                 self._look(position, measured_position)
             if changes:
@@ -268,11 +270,11 @@ class Controller(Uncopied, Generic[Robot_co]):
             if place is not None:
                 plausibility.of_place(f"Controller.step({name})", np.asarray(place, dtype=np.float64))
 
-    def _aim(self, position: Numbers | None, rotation: Numbers | None, axis: Numbers | None, across: Numbers | None) -> Kind:
+    def _aim(self, told: dict[str, Any]) -> Kind:
         """Take the present target; what is not plainly right is checked at length."""
-        given = self._step.given
+        given, position, rotation, axis = self._step.given, told["position"], told["rotation"], told["axis"]
         if (
-            across is None
+            told["across"] is told["along"] is None
             and plain(position)
             and (rotation is None or (turned(rotation) and axis is None))
             and (axis is None or plain(axis))
@@ -285,8 +287,7 @@ class Controller(Uncopied, Generic[Robot_co]):
                 if axis is not None:
                     given["axis"][:] = [value / size for value in axis]
                 return 1, int(rotation is not None), int(axis is not None)
-        target = Pose(position=position, rotation=rotation, axis=axis, across=across)
-        told = {"position": position, "rotation": rotation, "axis": axis, "across": across}
+        target = Pose(**told)
         for name in target.given:
             value = getattr(target, name)
             if value.shape != given[name].shape or not np.isfinite(value).all():

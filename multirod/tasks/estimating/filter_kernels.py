@@ -9,7 +9,15 @@ from multirod.kernels.failure_kernels import failure_of
 from multirod.kernels.linear_algebra_kernels import eliminate
 from multirod.kernels.own_module import own_module
 from multirod.status import Status
-from multirod.tasks.condensed_kernels import Condensed, axis_rows, condense, position_rows, rotation_rows, sighted_rows
+from multirod.tasks.condensed_kernels import (
+    Condensed,
+    axis_rows,
+    condense,
+    position_count,
+    position_rows,
+    rotation_rows,
+    sighted_rows,
+)
 from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, Watched, stand, strayed
 
 f64 = wp.float64
@@ -29,7 +37,7 @@ class Filter:
     position: wp.array2d[wp.vec3d]  # (instance, sensor)
     rotation: wp.array2d[wp.mat33d]
     axis: wp.array2d[wp.vec3d]
-    across: wp.array2d[wp.vec3d]
+    direction: wp.array2d[wp.vec3d]
     marks: Condensed  # of markers, where they are, their frames, and what is carried; the first axis is (instance, marker)
     columns: wp.array3d[wp.float64]  # of these poses by x and by p, (instance times marker, 6, n + k)
     told: wp.array3d[wp.float64]  # rows, each its error, then its derivatives by x and by p, (instance, m, 1 + n + k)
@@ -125,13 +133,11 @@ def pose_rows(
 ):
     """(3) Of a sensor ``i`` of instance ``own``, which sees the pose ``t`` of ``task``."""
     kind = s.kind[i]
-    angles = int(row)
+    angles = row + position_count(kind[0])
     if kind[0] == 1:
         position_rows(task, r, J, t, row, s.position[own, i], f64(1.0))
-        angles = row + 3
-    if kind[0] == 2:
-        sighted_rows(task, r, J, t, row, s.position[own, i], s.across[own, i], f64(1.0))
-        angles = row + 2
+    if kind[0] > 1:
+        sighted_rows(task, r, J, t, row, s.position[own, i], kind[0], s.direction[own, i], f64(1.0))
     if kind[1] != 0:
         rotation_rows(task, r, J, t, angles, s.rotation[own, i], f64(1.0))
     if kind[2] != 0:

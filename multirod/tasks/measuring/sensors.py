@@ -18,12 +18,13 @@ from multirod.tasks.formulation import Evaluation
 from multirod.tasks.given import plain, turned
 from multirod.tasks.measuring.along import AlongTask, Places
 from multirod.tasks.measuring.along_rows import AlongRows, AlongSensor, along_rows, filled
-from multirod.tasks.rows import PARTS, Pose, PoseRows, of_what_is_there
+from multirod.tasks.rows import SIGHTS, Pose, PoseRows
+from multirod.tasks.whitening import of_what_is_there
 from multirod.validation import LARGEST, SMALLEST_AXIS, Described, FloatArray, array, first_of, refuse
 
 Sensor = Pose | AlongSensor
 EYE = np.eye(3)
-TOLD = ("position", "rotation", "axis")  # at each sample; across which direction a position counts stays
+TOLD = ("position", "rotation", "axis")  # at each sample; across or along which direction a position counts stays
 MOST_ROWS = 6  # of a pose
 # what surely is a measurement of each, of a sensor that did not drop out
 PLAINLY: dict[str, Callable[[Any], bool]] = {
@@ -61,7 +62,7 @@ class Measured:
         """Where the first instance's end effector was seen [m], shape (3,), NaN where that is missing; None where no sensor sees
         all of it."""
         for rows, end in zip(self.rows, self.ends, strict=True):
-            if isinstance(rows, PoseRows) and rows.position is not None and rows.across is None and rows.place is None:
+            if isinstance(rows, PoseRows) and rows.position is not None and rows.kind[0] == 1 and rows.place is None:
                 known = self.known[0, end - rows.count :][:3]
                 return np.where(known, rows.position[0], np.nan)
         return None
@@ -151,12 +152,12 @@ def refuse_nothing(field: str, known: NDArray[np.bool_]) -> None:
 
 
 def _filled(own: PoseRows) -> tuple[PoseRows, NDArray[np.bool_]]:
-    """The rows of a pose, NaN replaced, and which of them were no NaN; of angles, and across a direction, all or none."""
+    """The rows of a pose, NaN replaced, and which of them were no NaN; of angles, and of parts of a position, all or none."""
     known: list[NDArray[np.bool_]] = []
     position, rotation, axis = own.position, own.rotation, own.axis
     if position is not None:
         there = np.isfinite(position)
-        known.append(there if own.across is None else np.repeat(there.all(axis=1, keepdims=True), own.position_rows, axis=1))
+        known.append(there if own.kind[0] == 1 else np.repeat(there.all(axis=1, keepdims=True), own.position_rows, axis=1))
         position = np.where(there, position, 0.0)
     for value, tail, width in ((rotation, (1, 2), 3), (axis, (1,), 2)):
         if value is not None:
@@ -189,8 +190,9 @@ class Live(Measured):
         missing: Whether a number of each sensor is missing, shape (b, sensor_count).
         counted: Rows that there are, shape (b,).
         slices: Where those of each sensor stand.
-        kinds: Whether each sensor has a position (2: across a direction), a rotation, an axis; none of a curvature.
-        poses: What poses say, by these names, ``position``, ``axis`` and ``across`` (b, sensor_count, 3), ``rotation``
+        kinds: Whether each sensor has a position (2: across a direction, 3: along it), a rotation, an axis; none of a
+            curvature.
+        poses: What poses say, by these names, ``position``, ``axis`` and ``direction`` (b, sensor_count, 3), ``rotation``
             (b, sensor_count, 3, 3), as kernels read it.
         there: ``known``, as kernels read it.
         whitening: Of the rows of poses at this sample, as kernels read it, (b, sensor_count, 6, 6).
@@ -205,9 +207,9 @@ class Live(Measured):
         self.known[:] = True
         self.missing, self.counted = self._whole
         shape = self._count, len(sensors)
-        types = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
+        types = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "direction": wp.vec3d}
         self.poses = {name: Shared(shape, dtype, device) for name, dtype in types.items()}
-        for name, rest in (("rotation", EYE), ("axis", EYE[2]), ("across", EYE[2])):
+        for name, rest in (("rotation", EYE), ("axis", EYE[2]), ("direction", EYE[2])):
             self.poses[name].values[:] = rest
         self.there = Shared(self.known.shape, wp.int32, device)
         self.there.values[:] = 1
@@ -222,10 +224,12 @@ class Live(Measured):
         for k, sensor in enumerate(sensors):
             if isinstance(sensor, Pose):
                 given: Any = self.rows[k]
-                if given.across is not None:
-                    self.poses["across"].values[:, k] = given.across
-                own: Any = [self.poses[name].values[:, k] if getattr(sensor, name) is not None else None for name in PARTS]
-                self.rows[k] = replace(given, position=own[0], rotation=own[1], axis=own[2], across=own[3])
+                own: dict[str, Any] = {}
+                for name in sensor.given:
+                    own[name] = self.poses["direction" if name in SIGHTS else name].values[:, k]
+                    if name in SIGHTS:
+                        own[name][:] = getattr(given, name)
+                self.rows[k] = replace(given, **own)
             else:
                 self.rows[k], _ = filled(sensor, places, np.zeros((self._count, *sensor.value.shape[-2:])))
 

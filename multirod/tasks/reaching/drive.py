@@ -20,7 +20,8 @@ from multirod.tasks.programme import programme
 from multirod.tasks.reaching.drive_kernels import ROUGH, SETTINGS, Drive
 from multirod.tasks.reaching.goals import Place
 from multirod.tasks.reaching.search_kernels import make_search
-from multirod.tasks.rows import Kind, row_count
+from multirod.tasks.rows import SIGHTS
+from multirod.tasks.whitening import Kind, row_count
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
 
@@ -72,7 +73,7 @@ class DriveArrays:
         rooms: dict[str, tuple[tuple[int, ...], Any]] = {f"{place}_x": ((count, n), wp.float64) for place in PLACES}
         rooms |= {f"{place}_p": ((count, k), wp.float64) for place in PLACES}
         rooms |= {"settings": ((SETTINGS,), wp.float64), "centre": ((k,), wp.float64), "count": ((2,), wp.int32)}
-        kinds = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "across": wp.vec3d}
+        kinds = {"position": wp.vec3d, "rotation": wp.mat33d, "axis": wp.vec3d, "direction": wp.vec3d}
         rooms |= {name: ((count,), dtype) for name, dtype in kinds.items()}
         whole = (
             "rough",
@@ -100,6 +101,7 @@ class DriveArrays:
         self._state.step = programme(count, m, k, c, device)
         self._share(self._state.step, "limits", wp.zeros((c, k), dtype=wp.float64, device=device), key="step_limits")
         self.values = {name: each.values for name, each in self._shared.items()}
+        self.values |= dict.fromkeys(SIGHTS, self.values["direction"])
         self.places = [Place(self.values[f"{name}_x"], self.values[f"{name}_p"]) for name in ("start", "last", "here", "fold")]
         begin, own = len(PLACES) * count * n, self._cleared[0].values
         self.all_x = own[: ALIKE * count * n].reshape(ALIKE, count, n)

@@ -9,6 +9,7 @@ from multirod.tasks.condensed_kernels import (
     axis_rows,
     condense,
     place_errors,
+    position_count,
     position_rows,
     rotation_rows,
     sighted_rows,
@@ -36,7 +37,7 @@ class Drive:
 
     task: Condensed
     step: Programme
-    kind: wp.vec3i  # whether a target has a position (2: across a direction), a rotation, an axis
+    kind: wp.vec3i  # whether a target has a position (2: across a direction, 3: along it), a rotation, an axis
     settings: wp.array[wp.float64]
     # constants
     unit: wp.array[wp.float64]  # (9), (k,)
@@ -53,7 +54,7 @@ class Drive:
     position: wp.array[wp.vec3d]
     rotation: wp.array[wp.mat33d]
     axis: wp.array[wp.vec3d]
-    across: wp.array[wp.vec3d]
+    direction: wp.array[wp.vec3d]
     # places
     start_x: wp.array2d[wp.float64]
     start_p: wp.array2d[wp.float64]
@@ -147,20 +148,18 @@ def bent(s: wp.ref[Drive], t: int, values: wp.array3d[wp.float64]) -> f64:
 def evaluate(s: wp.ref[Drive], t: int):
     """(3) Rows of the target, and its errors."""
     condense(s.task, t)
-    row = int(0)
+    row = position_count(s.kind[0])
     place = s.settings[wp.static(POSITION_WEIGHT)]
     if s.kind[0] == 1:
-        position_rows(s.task, s.step.r, s.step.J, t, row, s.position[t], place)
-        row += 3
-    if s.kind[0] == 2:
-        sighted_rows(s.task, s.step.r, s.step.J, t, row, s.position[t], s.across[t], place)
-        row += 2
+        position_rows(s.task, s.step.r, s.step.J, t, 0, s.position[t], place)
+    if s.kind[0] > 1:
+        sighted_rows(s.task, s.step.r, s.step.J, t, 0, s.position[t], s.kind[0], s.direction[t], place)
     if s.kind[1] != 0:
         rotation_rows(s.task, s.step.r, s.step.J, t, row, s.rotation[t], s.settings[wp.static(ANGLE_WEIGHT)])
     if s.kind[2] != 0:
         axis_rows(s.task, s.step.r, s.step.J, t, row, s.axis[t], s.settings[wp.static(ANGLE_WEIGHT)])
     weight = wp.vec2d(place, s.settings[wp.static(ANGLE_WEIGHT)])
-    place_errors(s.task, s.found, t, s.kind, s.position[t], s.rotation[t], s.axis[t], s.across[t], weight)
+    place_errors(s.task, s.found, t, s.kind, s.position[t], s.rotation[t], s.axis[t], s.direction[t], weight)
 
 
 @wp.func

@@ -107,8 +107,8 @@ def reach(
         if not target.whole:
             name, value = next((name, own) for name in target.given if not np.isfinite(own := getattr(target, name)).all())
             says = "must be finite: NaN is for a measurement that is missing; a batch has no instance without a target"
-            along = "anywhere along a direction is Pose(position=..., across=direction)"
-            refuse(f"target.{name}", first_of(~np.isfinite(value), value, value), f"{says}; {along}")
+            part = "of a position, across=direction leaves one coordinate free, along=direction two"
+            refuse(f"target.{name}", first_of(~np.isfinite(value), value, value), f"{says}; {part}")
     if target.measures or target.at is not None:
         refuse("target", target, "must be without sigma, covariance and at, which are of measurements")
     if guess is not None:
