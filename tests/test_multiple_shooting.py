@@ -243,6 +243,39 @@ def test_jacobian(name, soft, difference):
         np.testing.assert_allclose(jacobian[:, k], expected, rtol=0, atol=2e-6 * np.abs(jacobian).max())
 
 
+def test_gradients_of_what_is_known_by_states(soft):
+    """Against differences of fresh solves, of a batch in which one instance is known by its unknowns alone; by a parameter they
+    are NaN there, as the Jacobian is."""
+    forces, turn = np.array([(60.0, -50.0, 30.0), (0.5, 0.2, 0.0)]), np.array([[0.4], [0.1]])
+    solution = mr.solve(soft, soft.inputs(tip_force=forces, rotation=turn))
+    assert solution.status.tolist() == [mr.Status.MULTIPLE_SHOOTING, mr.Status.CONVERGED]
+    c = np.array([0.3, -1.0, 0.7, 0.2, 0.5, -0.4])
+    names = "tip_force", "rotation"
+    whole = solution.vjp(c, of="tip_pose", wrt=names)
+    for name in names:
+        np.testing.assert_allclose(whole[name], c @ solution.jacobian(name), rtol=1e-9, atol=1e-12)
+    found = solution.vjp(c[:3], of="tip_position", wrt=names)
+    h = {"tip_force": 0.02, "rotation": 2e-3}
+    for name in names:
+        values = {"tip_force": forces[0], "rotation": turn[0]}
+        for k, one in enumerate(np.eye(len(values[name]))):
+            ends = []
+            for sign in (1, -1, 2, -2):
+                inputs = soft.inputs(**{**values, name: values[name] + sign * h[name] * one})
+                tip = mr.solve(soft, inputs, solver=mr.MultipleShooting()).raise_if_failed().tip_position
+                ends.append(c[:3] @ tip)
+            slope = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * h[name])
+            # solved to some 1e-9 m over the step
+            np.testing.assert_allclose(found[name][0, k], slope, rtol=1e-4, atol=1e-6 * np.abs(found[name][0]).max() + 1e-9)
+    alone = mr.solve(soft, soft.inputs(tip_force=forces[1], rotation=turn[1])).vjp(c, of="tip_pose", wrt=names)
+    for name in names:
+        np.testing.assert_array_equal(whole[name][1], alone[name])
+    by_length = solution.vjp(c, of="tip_pose", wrt=("length", "rotation"))
+    assert np.isnan(by_length["length"][0]).all()
+    assert np.isfinite(by_length["length"][1]).all()
+    assert np.isnan(solution.jacobian("length")[0]).all()
+
+
 @pytest.mark.parametrize("first", [0.2, 0.1])
 def test_a_rod_is_pushed_out_where_its_sections_end_at_breakpoints(first):
     """In the middle or a quarter, where segments begin: of one node for both, nothing was pushed through it."""

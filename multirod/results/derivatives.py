@@ -13,7 +13,7 @@ from multirod.naming import meant
 from multirod.problem import BoundaryProblem
 from multirod.results import sides
 from multirod.results.eliminating import pose_derivative
-from multirod.results.segment_system import pose_jacobian
+from multirod.results.segment_system import pose_jacobians
 from multirod.results.telling import told_by_loop
 from multirod.rotations import cross_matrix
 from multirod.types import Numbers
@@ -233,10 +233,8 @@ def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int
             result = _eliminated(slopes, own, gamma)
         else:
             result, none = at_once, np.zeros(problem.instance_count, dtype=bool)
-        for k, points in problem.breakpoints.items():
-            by_inputs = rows is _pose_rows and not any(name in solution.assembly.parameters for name in names)
-            segments = problem.segments if by_inputs else None  # a graph has none, which tells what acts on single rods
-            result[k] = np.nan if segments is None else pose_jacobian(segments, k, points)
+        for k, by_states in pose_jacobians(problem, solution.assembly, names if rows is _pose_rows else None).items():
+            result[k] = by_states
         return result, none
 
     result, none = _gathered(solution, names, columns)
@@ -337,8 +335,10 @@ def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> 
 
     def columns(problem: BoundaryProblem) -> tuple[Any, ...]:
         slopes, carried, gamma, none = _told(solution, problem, names, _pose_rows)
-        for k in problem.breakpoints:
-            carried[k] = np.nan
+        if problem.breakpoints:
+            slopes, gamma, n = np.array(slopes), np.array(gamma), problem.unknown_count
+        for k, by_states in pose_jacobians(problem, solution.assembly, names).items():  # nothing is left of the unknowns
+            slopes[k], gamma[k], carried[k, :, :n], carried[k, :, n:] = 0.0, np.eye(n), 0.0, by_states
         return slopes, carried, gamma, none
 
     slopes, carried, gamma, *none = _kept(solution, names) or _gathered(solution, names, columns)

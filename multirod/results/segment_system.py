@@ -3,11 +3,14 @@
 Numbers in parentheses are those of ``docs/solvers.md``.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multirod.assembly import Assembly
+from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, Cuts, Propagation, Segments
 from multirod.validation import FloatArray
 
@@ -106,3 +109,12 @@ def pose_jacobian(segments: Segments, instance: int, points: Breakpoints) -> Flo
     variations[0, places] = rates[: system.n]
     variations[1:] = rates[system.n :].reshape(-1, d, slopes.shape[1])
     return segments.tip_pose_columns(cuts, found, variations)
+
+
+def pose_jacobians(problem: BoundaryProblem, assembly: Assembly, names: Sequence[str] | None) -> dict[int, FloatArray]:
+    """The same of each instance that is known by its states, by its number; NaN where these do not tell it: of what has no
+    ``names`` or one of a parameter, and of a graph, which has no segments to say how what acts on it acts on single rods."""
+    told = names is not None and not any(name in assembly.parameters for name in names)
+    segments = problem.segments if told else None
+    points = problem.breakpoints.items()
+    return {k: np.array(np.nan) if segments is None else pose_jacobian(segments, k, own) for k, own in points}
