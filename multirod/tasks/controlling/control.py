@@ -1,8 +1,7 @@
 """The compiled sample of a controller: its arrays, made once, and its launches."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import hypot, isnan, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,9 @@ from multirod.launch import record
 from multirod.rotations import matrices
 from multirod.status import Status
 from multirod.tasks.condensed import condensed
-from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, SURPRISE, make_control
-from multirod.tasks.controlling.control_step_kernels import LONGEST, MOST_PULL, ON_TARGET, Control
+from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, HELD, SINGULAR, make_control
+from multirod.tasks.controlling.control_step_kernels import Control
+from multirod.tasks.controlling.pace import Pace, Sample
 from multirod.tasks.formulation import Task
 from multirod.tasks.limits import LimitRows
 from multirod.tasks.programme import programme
@@ -26,34 +26,6 @@ from multirod.tasks.watch_kernels import LOOK
 from multirod.tasks.whitening import Kind, row_count
 from multirod.types import WarpArray
 from multirod.validation import FloatArray
-
-SHORTEST = 1e-4  # step of a sample, in units (9), after many that failed
-ASTRAY = 0.25  # part of what a step was to gain: where more is missing, shorter ones follow
-SURE = 0.05  # the same: where no more is, longer ones
-NOTED = 0.02  # of what a step leaves over: what it is off by, if it is more, is damped
-NEAREST = 0.01  # (16d) the least, in units (9)
-WORTH = 0.01  # of what is left, that a step as long as any is to gain if longer ones are to follow
-RESTED = 3  # samples for the same target, the first of which go on to where it was expected, (16)
-
-
-@dataclass
-class Foreseen:
-    """What a sample says of the next one.
-
-    Attributes:
-        target: What is asked for and measured, the offset that follows from it, and all inputs that are not free.
-        off: Size of the rows before its step, squared.
-        told: Of it, as ``control_kernels`` says where.
-        begun: The same of the sample before, where that was for the same.
-        rested: Samples before it that were.
-    """
-
-    target: tuple[bytes, ...]
-    off: float
-    told: FloatArray
-    begun: FloatArray
-    rested: int
-
 
 # what the next sample starts from, and where records have it
 LOOKED_AT = {"good_unknowns": "unknowns", "tip_position": "position", "tip_rotation": "rotation"}
@@ -123,14 +95,7 @@ class ControlStep:
         each: dict[str, tuple[int, ...]] = dict.fromkeys(("limits", "scaled"), (c + shaped, k))
         each |= dict.fromkeys(("low", "high"), (c + shaped,))
         self._limits = {name: Shared(size, wp.float64, device) for name, size in each.items()}
-        self._longest, self._nearby = (Shared((1,), wp.float64, device) for _ in range(2))
-        for own in (self._longest, self._nearby):
-            own.write(LONGEST)
-        # (16d), and of the last sample: what it gained, what it left, what was told of it, what was not free
-        self._narrowed, self._asked = LONGEST, (0.0, 0.0, np.zeros(sizes["told"]), b"")
-        self._careful = self._by_shape = LONGEST  # that what failed leaves, and limits of the shape
-        self._foreseen: Foreseen | None = None
-        self._trust = LONGEST  # (16b), for the present target
+        self._pace = Pace(unit, self._weight, centre is not None, sizes["told"], device)
         self._offset: FloatArray = self._kept["offset"].numpy()
         self._others = np.delete(np.arange(problem.read("inputs").shape[1]), task.places)  # what is not free
         self.under = self._of_others()
@@ -149,8 +114,7 @@ class ControlStep:
             return
         for name in ("begun", "last_kind", "motion", "foresaw"):
             self._kept[name].zero_()
-        self._careful, self._foreseen = LONGEST, None
-        self._longest.write(min(LONGEST, self._by_shape))
+        self._pace.begin()
 
     @property
     def good_values(self) -> FloatArray:
@@ -219,91 +183,27 @@ class ControlStep:
         return bytes(self._problem.read("inputs")[0, self._others].tobytes())
 
     def mind(self, status: int, told: FloatArray, record: FloatArray) -> tuple[int, FloatArray]:
-        """Take shorter steps after a sample that failed: what starts from the same place would fail again; or whose step came to
-        less than foreseen, (16b). Longer ones after others, up to those that are usual. Its status, and what is told of it."""
-        failed = Status(status).failed
+        """Take steps of the next sample as long as what came of this one allows. Its status, and what is told of it."""
+        failed, sample = Status(status).failed, None
         if self._shared and not failed:
-            self._narrow(told)
-        most = 0.5 * self._careful if failed else min(1.5 * self._careful, self._trusted(told), LONGEST)
-        self._foreseen = None if failed else self._foreseen
-        if most != self._careful:
-            self._careful = max(most, SHORTEST)
-            self._longest.write(min(self._careful, self._by_shape))
+            rows = self._off[self._kind]
+            target = *(own.tobytes() for own in self.given.values()), self._offset.tobytes()
+            sample = Sample(told, sqrt(float(rows @ rows)), len(rows), target, self.under)
+        self._pace.after(sample, failed=failed)
         return self._said(status, told, record) if self._looked and not failed else (status, told)
 
     def _said(self, status: int, told: FloatArray, record: FloatArray) -> tuple[int, FloatArray]:
         """Of a command that was looked at, how far it is off its target itself: no more by what its step was to come to."""
         fields, own = self._problem.record_fields, told.copy()
         own[ERROR], own[ANGLE] = self._off_target(record[:, fields["position"]], record[:, fields["rotation"]])
-        rows, left = self._off.get(self._kind), self._left(own)
-        if rows is not None and left > max(ASTRAY * sqrt(float(rows @ rows)), ON_TARGET * self._weight[1]):
+        rows = self._off.get(self._kind)
+        if rows is not None and self._pace.astray(own, sqrt(float(rows @ rows))):
             status = int(Status.OFF_TARGET) if status == Status.TRACKING else status
         return status, own
 
-    def _narrow(self, told: FloatArray) -> None:
-        """(16d) How far to go along what moves the tip little, where a target is out of reach and steps lead elsewhere."""
-        left, near = self._left(told), ON_TARGET * self._weight[1]
-        gain, before, last, under = self._asked
-        if left <= near and before <= near and self._narrowed == LONGEST:
-            self._asked = 0.0, left, told, self.under
-            return
-        rows = self._off[self._kind]
-        self._asked = sqrt(float(rows @ rows)) - left, left, told, self.under
-        surprise, most, longest = float(told[SURPRISE]), max(ASTRAY * gain, NOTED * before), self._narrowed
-        if surprise > most and before > near and under == self.under:  # else a load may have moved the tip
-            longest = max(0.5 * min(longest, self._moved(last, told)), NEAREST)
-        elif surprise <= ASTRAY * most:
-            longest = min(1.5 * longest, LONGEST)
-        if self._foreseen is None or self._foreseen.rested < RESTED:
-            self._narrow_to(longest)
-
-    def _left(self, told: FloatArray) -> float:
-        """What a sample leaves of its target to first order, as the target's rows count it."""
-        off = float(told[ERROR]) * self._weight[0], float(told[ANGLE]) * self._weight[1]
-        return hypot(*(0.0 if isnan(part) else part for part in off))
-
-    def _moved(self, before: FloatArray, after: FloatArray) -> float:
-        """The longest step of what is free from one sample to another, in units (9)."""
-        return float(np.abs((after - before)[FREE : FREE + self._count] / self._unit).max())
-
-    def _narrow_to(self, longest: float) -> None:
-        if longest != self._narrowed:
-            self._narrowed = longest
-            self._nearby.write(longest)
-
-    def _trusted(self, told: FloatArray) -> float:
-        """(16b) How long a step may be by what the one before came to, in units (9)."""
-        if not self._shared:
-            return LONGEST
-        before, rows = self._foreseen, self._off[self._kind]
-        target = (*(own.tobytes() for own in self.given.values()), self._offset.tobytes(), self.under)
-        if before is None or before.target != target:
-            self._foreseen, self._trust = Foreseen(target, float(rows @ rows), told, told, 0), LONGEST
-            return LONGEST
-        self._foreseen = Foreseen(target, float(rows @ rows), told, before.told, before.rested + 1)
-        if before.rested + 1 < RESTED:
-            return self._trust
-        if self._narrowed < LONGEST:  # from here on (16b) has it
-            self._trust = self._narrowed
-            self._narrow_to(LONGEST)
-        off, left = sqrt(self._foreseen.off), self._left(before.told)
-        step = self._moved(before.begun, before.told)
-        missing, gain = off - left, sqrt(before.off) - left
-        # what the pull (16c) moves the tip by, to second order, is no fault of the step before
-        pulled = self._count > len(rows) and self._centre is not None and left <= ON_TARGET * self._weight[1]
-        near = MOST_PULL**2 if pulled else ON_TARGET
-        if off <= near * self._weight[1] or step < 0.5 * SHORTEST:  # as of a command that is given again
-            return self._trust
-        if missing > ASTRAY * gain:
-            self._trust = max(0.5 * step, SHORTEST)
-        elif missing <= SURE * gain and gain * LONGEST > WORTH * off * step:
-            self._trust = min(1.5 * self._trust, LONGEST)
-        return self._trust
-
     def limit_shape(self, matrix: FloatArray, high: FloatArray, longest: float) -> None:
         """``matrix p <= high`` from now on, shapes (shaped, k) and (shaped,), and steps of ``longest`` in units (9) at most."""
-        self._by_shape = longest
-        self._longest.write(min(self._careful, longest))
+        self._pace.limit(longest)
         self._put_limits(slice(len(self._rows.low), None), matrix, np.full(len(high), -np.inf), high)
 
     def _put_limits(self, places: slice, matrix: FloatArray, low: FloatArray, high: FloatArray) -> None:
@@ -384,7 +284,7 @@ class ControlStep:
             setattr(state, name, wp.array(np.ascontiguousarray(values), dtype=wp.float64, device=self._problem.device))
         for name in ("limits", "low", "high"):
             setattr(state, name, self._limits[name].array)
-        state.longest, state.nearby = self._longest.array, self._nearby.array
+        state.longest, state.nearby = self._pace.longest.array, self._pace.nearby.array
         state.watched, state.curvature = self._watch.state, float(self._problem.curvature_scale()[0])
         state.weight, state.gain, state.kind = wp.vec2d(*self._weight), wp.vec2d(*self._gains), wp.vec3i(*kind)
         self._states.append(state)
