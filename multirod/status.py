@@ -195,8 +195,8 @@ _MESSAGES = {
     Status.UNOBSERVABLE: "fewer numbers were measured of this instance than are unknown without a prior: give these a Prior, or "
     "measure more",
     Status.OFF_TARGET: "of a Controller's sample: its command does not bring the end effector to the target, and no limit holds "
-    "it: the target is farther away than a step may be, or beyond reach, or the freed inputs do not move the end effector there; "
-    "target_error says how far it is off",
+    "it: the target is farther away than a step may be, or beyond reach, or the freed inputs do not move the end effector there "
+    "(as the displacement of a line that is slack: begin where all are taut); target_error says how far it is off",
     Status.MULTIPLE_SHOOTING: "the residual is within the tolerance, by multiple shooting: the rod is so long, soft or "
     "strongly loaded that its unknowns at the base alone do not determine the tip, and gamma is NaN",
 }

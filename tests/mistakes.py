@@ -936,6 +936,13 @@ GROUPS: dict[str, list[Mistake]] = {
             "along=direction two",
             "mr.Pose(position=(0, 0, 0.28), along=(0, 0, 1))",
         ),
+        Mistake(
+            "a magnetic field to be chosen for a rod that is no magnet",
+            "mr.reach(robot, mr.Pose(position=(0.05, 0, 0.28)), free='magnetic_field')",
+            ValueError,
+            "magnetic_field does nothing: no rod has a magnetisation",
+            "rods with a magnetisation=",
+        ),
         Mistake("a matrix for a pose", "mr.Pose(np.eye(4))", TypeError, "position=T[:3, 3]", "position=, rotation="),
         Mistake(
             "a pose for a position", "mr.Pose(position=np.eye(4))", ValueError, "must have shape (..., 3)", "position=, rotation="

@@ -886,6 +886,44 @@ def test_one_coordinate_is_reached_alone_or_beside_a_tilt(start, tilted, tmp_pat
     assert float(again.target_error) == float(found[3].target_error)
 
 
+def test_a_search_that_fails_says_what_its_start_was():
+    """A straight column past the load under which it buckles, at the branch that it left and on the one that it went to."""
+    rod = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.006, torsional_stiffness=0.0046))
+    loads = np.array([(0, 0, -0.6), (0, 0, -0.1)])  # it buckles at 0.37 N
+    inputs, far = rod.inputs(tip_force=loads), mr.Pose(position=(0, 0.3, 0.19))
+    found = mr.reach(rod, far, inputs, free=("rotation", "translation"), solver=SOLVER)
+    assert found.failed.all()
+    with pytest.raises(mr.SolveError, match="it began past where the robot buckled or snapped .BIFURCATED.: begin before that"):
+        found[0].raise_if_failed()
+    assert "began BIFURCATED" in str(found[0])
+    for own in (found[1], found[::-1][0]):
+        with pytest.raises(mr.SolveError) as said:
+            own.raise_if_failed()
+        assert "it began" not in str(said.value)
+        assert "began" not in str(own)
+    straight = mr.solve(rod, inputs, guess=mr.solve(rod, solver=SOLVER), solver=SOLVER)
+    assert straight.stability.tolist() == [mr.Stability.UNSTABLE, mr.Stability.STABLE]
+    again = mr.reach(rod, far, guess=straight, free=("rotation", "translation"), solver=SOLVER)
+    with pytest.raises(mr.SolveError, match="it began at an equilibrium that is unstable, already"):
+        again.raise_if_failed()
+    with pytest.raises(mr.SolveError) as said:
+        again[1].raise_if_failed()
+    assert "it began" not in str(said.value)
+
+
+@pytest.mark.parametrize("name", ["magnetic_field", "gravity"])
+def test_what_acts_on_nothing_is_not_chosen(name):
+    rod = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.006, torsional_stiffness=0.0046))
+    asked = {"reach": lambda: mr.reach(rod, mr.Pose(position=(0, 0.1, 0.1)), free=("rotation", name))}
+    asked["Controller"] = lambda: mr.Controller(rod, dt=0.01, free=name)
+    measured = mr.Pose(position=(0, 0.1, 0.1), sigma=1e-3)
+    asked["estimate"] = lambda: mr.estimate(rod, unknown={name: mr.Prior(0, sigma=0.01)}, measured=measured)
+    on = {"magnetic_field": "magnetisation", "gravity": "linear_density"}[name]
+    for call in asked.values():
+        with pytest.raises(ValueError, match=f"{name} does nothing: no rod has a {on}"):
+            call()
+
+
 def test_how_far_off_a_target_is_left_is_told_of_an_equilibrium(start):
     """Of the last iterate before: up to a quarter off, where that was on its way to one."""
     target = start.tip_position + np.random.default_rng(1).normal(size=(20, 3)) * (0.2, 0.2, 0.1)

@@ -73,6 +73,8 @@ def freed(field: str, robot: Assembly, free: object) -> tuple[str, ...]:
     for name in names:
         if specs[name].measured:
             refuse(field, tuple(names), f"{name} is a measurement: it cannot be chosen")
+        if specs[name].on and not np.any(robot.borne(specs[name])):
+            refuse(field, tuple(names), f"{name} does nothing: no rod has a {specs[name].on}, on which it acts")
     return tuple(names)
 
 

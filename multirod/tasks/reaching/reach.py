@@ -25,7 +25,7 @@ from multirod.tasks.limits import Limits, asked_before, known_rows, refuse_start
 from multirod.tasks.preferred import centre_of
 from multirod.tasks.reaching.drive import expect_search
 from multirod.tasks.reaching.goals import Prefer
-from multirod.tasks.reaching.reached import Aim, Chosen, Ends, Reached, ShapeHolds
+from multirod.tasks.reaching.reached import Aim, Chosen, Ends, Reached, ShapeHolds, Start
 from multirod.tasks.reaching.trying import Work, held_by_shape, search_part
 from multirod.tasks.rows import Pose
 from multirod.validation import (
@@ -159,7 +159,9 @@ def reach(
     spent = np.zeros(len(status), dtype=np.int32)
     if guess is None:
         spent += np.broadcast_to(first.integrations, shape).reshape(-1)
-    return _run(work, status, spent, thread_count(threads))
+    result = _run(work, status, spent, thread_count(threads))
+    vars(result).update(_start=Start.of(first, shape))
+    return result
 
 
 def _begin(given: Inputs, free: tuple[str, ...], shape: tuple[int, ...], whole: bool) -> FloatArray:

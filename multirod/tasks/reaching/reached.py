@@ -3,6 +3,7 @@
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from multirod.results.remarks import Remarks
 from multirod.results.scene import Scene
 from multirod.results.solution import Solution
 from multirod.solver import Outcome
+from multirod.stability import Stability
+from multirod.status import Status
 from multirod.tasks.freed import masked, values_of, with_values
 from multirod.tasks.limits import LimitRows, told
 from multirod.tasks.rows import Pose
@@ -107,11 +110,41 @@ class Aim:
     weight: FloatArray
 
 
+@dataclass(frozen=True)
+class Start:
+    """Where the search of each instance began.
+
+    Attributes:
+        first: Equilibria.
+        numbers: Of that of each instance among them, flattened, shape (count,).
+    """
+
+    first: Solution[Any]
+    numbers: IntArray
+
+    @classmethod
+    def of(cls, first: Solution[Any], batch_shape: tuple[int, ...]) -> "Start":
+        """Of a batch with leading axes to which those of ``first`` broadcast."""
+        numbers = np.arange(prod(first.batch_shape)).reshape(first.batch_shape)
+        return cls(first, np.broadcast_to(numbers, batch_shape).reshape(-1))
+
+    def status(self, instance: int) -> Status:
+        """Of the equilibrium where one began."""
+        return Status(int(self.first._outcome.status.reshape(-1)[self.numbers[instance]]))
+
+    def unstable(self, instance: int) -> bool:
+        """Whether it is known to be unstable; that may take an integration."""
+        axes, number = self.first.batch_shape, self.numbers[instance]
+        alone = self.first[np.unravel_index(number, axes)] if axes else self.first
+        return alone.stability is Stability.UNSTABLE
+
+
 class Reached(Solution[Robot_co]):
     """Equilibria whose end effectors are at their targets, or as near as limits let them be: a ``Solution``, and how near."""
 
     _aim: Aim
     _ends: Ends
+    _start: Start | None = None  # of what was loaded from a file, none is known
 
     def __init__(
         self,
@@ -205,7 +238,22 @@ class Reached(Solution[Robot_co]):
 
     @property
     def _asides(self) -> dict[str, str]:
-        return told(float(self.target_error), float(self.target_angle), list(self.held_by))
+        said = told(float(self.target_error), float(self.target_angle), list(self.held_by))
+        if self._start is not None and self.status.failed and (began := self._start.status(0)).event:
+            said["began"] = began.name
+        return said
+
+    def _named(self, status: Status, instance: int) -> str:
+        """Also what there is to know of where it began."""
+        said = super()._named(status, instance)
+        if self._start is None or (began := self._start.status(instance)).failed:
+            return said
+        if began.event:
+            past = f"it began past where the robot buckled or snapped ({began.name})"
+            return f"{said}; {past}: begin before that, by other inputs or a guess"
+        if self._start.unstable(instance):
+            return f"{said}; it began at an equilibrium that is unstable, already: begin at one that is not"
+        return said
 
     def __getitem__(self, index: Index) -> "Reached[Robot_co]":
         """The result of some instances: ``index`` as for an array with the leading axes ``batch_shape``."""
@@ -216,6 +264,7 @@ class Reached(Solution[Robot_co]):
         chosen = np.asarray(numbers[index])
         result._aim = replace(self._aim, target=_of_some(self.target, self.batch_shape, chosen))
         result._ends = self._ends.take(chosen.reshape(-1))
+        result._start = None if self._start is None else replace(self._start, numbers=self._start.numbers[chosen.reshape(-1)])
         return result
 
 
