@@ -114,6 +114,8 @@ def pose_jacobian(segments: Segments, instance: int, points: Breakpoints) -> Flo
 def pose_jacobians(problem: BoundaryProblem, assembly: Assembly, names: Sequence[str] | None) -> dict[int, FloatArray]:
     """The same of each instance that is known by its states, by its number; NaN where these do not tell it: of what has no
     ``names`` or one of a parameter, and of a graph, which has no segments to say how what acts on it acts on single rods."""
+    if not problem.breakpoints:  # as mostly: segments take longer to make than a small integration
+        return {}
     told = names is not None and not any(name in assembly.parameters for name in names)
     segments = problem.segments if told else None
     points = problem.breakpoints.items()
