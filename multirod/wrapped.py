@@ -159,6 +159,10 @@ class WrappedProblem(BoundaryProblem):
         return None if self.inner.shapes is None else WrappedShapes(self)
 
     @property
+    def periods(self) -> FloatArray | None:  # noqa: D102
+        return self.inner.periods
+
+    @property
     def kinks(self) -> NDArray[np.intp]:  # noqa: D102
         return self.inner.kinks
 

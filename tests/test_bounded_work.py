@@ -187,6 +187,7 @@ class Halved:
 @pytest.mark.parametrize(("part", "most"), [(1.0, 400), (0.25, 400), (0.125, 50), (1e-3, 50)])
 def test_a_descent_is_given_up_whose_steps_lead_nowhere(part: float, most: int) -> None:
     """(17) of docs/branches.md: 4 of 50 integrations at a quarter of a step each, 1.5 at an eighth."""
+    from multirod.solvers.following.downhill import in_steps
     from multirod.solvers.following.walk import Walk
 
     taken = []
@@ -198,13 +199,13 @@ def test_a_descent_is_given_up_whose_steps_lead_nowhere(part: float, most: int) 
         def _at(self, unknowns, level):
             taken.append(unknowns)
             yield
-            return SimpleNamespace(unknowns=unknowns, level=level, size=1.0)
+            return SimpleNamespace(unknowns=unknowns, level=level, size=1.0, periods=np.zeros(0))
 
         def _slope_or_none(self, point):
             return Halved(part)
 
-    start = SimpleNamespace(unknowns=np.zeros(1), level=1.0, size=1.0)
-    assert list(Down()._descend_in_steps(start, Halved(part), np.zeros(1)))[-1] is None
+    start = SimpleNamespace(unknowns=np.zeros(1), level=1.0, size=1.0, periods=np.zeros(0))
+    assert list(in_steps(Down(), start, Halved(part), np.zeros(1)))[-1] is None
     assert len(taken) == most
 
 

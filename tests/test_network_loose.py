@@ -1,10 +1,13 @@
 """Networks that are loose at one place: bodies move though no rod is bent."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from test_network_rods import at
 
 import multirod as mr
+from multirod.solvers.following.downhill import _Rounds
 
 WIRE = mr.Rod.wire(length=0.3, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)
 
@@ -64,3 +67,42 @@ def test_what_loads_or_springs_hold_is_solved():
     np.testing.assert_allclose(hung.body_position("table"), (0, 0, 0.3), atol=1e-9)  # straight up, as rods do not stretch
     robot = swing(stiffness=0.1)
     assert mr.solve(robot, robot.inputs()).status is mr.Status.CONVERGED
+
+
+def test_a_torque_that_turns_a_crank_on_and_on_is_said_to():
+    """A crank on a post, and a link beside it that lets it pass where the torque bends both enough."""
+    crank = mr.Body("crank")
+    lengths = {"post": 0.2, "link": 0.22}
+    rods = {name: mr.Rod(length=own, bending_stiffness=0.2, torsional_stiffness=0.15) for name, own in lengths.items()}
+    joints = [
+        mr.Joint("post", "base", to=mr.ground),
+        mr.Joint("post", "tip", to=crank, kind="revolute", axis=(0, 0, 1)),
+        mr.Joint("link", "base", to=mr.ground, pose=at(x=0.05)),
+        mr.Joint("link", "tip", to=crank, pose=at(x=0.03), kind="spherical"),
+    ]
+    robot = mr.Network(rods=rods, bodies=[crank], joints=joints)
+    torque = np.array([0, 0.03, 0.04])
+    inputs = robot.inputs(joint_torque={"post tip": torque}, force={"crank": (0.1, 0.05, -0.1)})
+    history = mr.simulate(robot, inputs, time=0.1 * np.arange(3))
+    assert [mr.Status(own) for own in history.status] == [mr.Status.BIFURCATED, mr.Status.CONVERGED, mr.Status.LOOSE]
+    assert "turns on and on" in mr.Status.LOOSE.message
+
+
+def test_what_turns_on_and_on_is_told_from_what_is_wound_up():
+    """(26) of docs/branches.md, on a circle whose first unknown is an angle, and what others tell the last; and on a helix."""
+    periods = np.array([[0.2, np.inf, np.inf, 0.0]])
+
+    def turns_until_told(rise):
+        def place(t):
+            return np.array([[0.2 * t, np.cos(2 * np.pi * t) + rise * t, np.sin(2 * np.pi * t), 5 * t]])
+
+        rounds = _Rounds(periods, place(0))
+        rounds.since(place(0.013))
+        steps = np.arange(0.02, 4, 0.016)
+        told = [t for last, t in pairwise(steps) if rounds.passes(np.array([0]), place(last), place(t))[0]]
+        return told[0] if told else None
+
+    assert turns_until_told(0.0) == pytest.approx(1.013, abs=0.017)
+    assert turns_until_told(0.003) == pytest.approx(1.013, abs=0.017)
+    assert turns_until_told(0.02) is None
+    assert _Rounds(np.zeros((1, 0)), np.zeros((1, 4))).times == 1

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from multirod.capabilities import Loading
 from multirod.models.joint_kernels import AT_REST
 from multirod.models.network.elements.elements import GAP_AT, POSE
+from multirod.models.network.joining.joints import MOST
 from multirod.models.network.places import FOLLOWING, LOADED
 from multirod.models.network.starting import Apart, taken_apart
 from multirod.problem import STILL, BoundaryProblem, neutral_ways
@@ -173,6 +174,24 @@ class Closing:
 
 class Loaded(BoundaryProblem):
     """What acts on a network, in numbers."""
+
+    @property
+    def periods(self) -> FloatArray | None:
+        """(47) As of ``BoundaryProblem``, of joints that torques turn and no spring."""
+        problem = cast("NetworkProblem", self)
+        torques = problem._slices.get("joint_torque")
+        if torques is None or not problem.read("inputs")[:, torques].any():
+            return None
+        result = np.full((problem.instance_count, problem.unknown_count), np.inf)
+        result[:, problem.first_pose :].reshape(problem.instance_count, -1, POSE)[..., 3:] = 0.0
+        for end, at in zip(problem.graph.ends, problem.layout.angles_at, strict=True):
+            table, places = end.table, problem.places[:, at]
+            balls = np.broadcast_to(table.count[:, None] == MOST, places.shape)
+            turns = ~balls & (table.stiffness == 0) & ~table.slides
+            for some, value in ((balls, np.zeros(1)), (turns, 2 * np.pi / problem.length)):
+                rods, which = np.nonzero(some & (places >= 0))
+                result[:, places[rods, which]] = np.broadcast_to(value, problem.length.shape)[:, rods]
+        return result
 
     def load_scale(self) -> FloatArray:
         """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""

@@ -176,6 +176,12 @@ class Offers(Buffers):
         return np.where(beyond, Status.OUT_OF_REACH, status).astype(np.int32)
 
     @property
+    def periods(self) -> FloatArray | None:
+        """By how much unknowns change as a joint turns around once, if nothing holds it, shape (instance_count, n): infinite of
+        what is no such angle, 0 of what others tell. None where nothing drives a joint on and on, as by default."""
+        return None
+
+    @property
     def held_forces(self) -> NDArray[np.intp]:
         """Unknowns, by their numbers, that are forces in rods whose tips are held."""
         return np.zeros(0, dtype=np.intp)

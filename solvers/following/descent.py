@@ -3,7 +3,7 @@
 Numbers in parentheses are those of ``docs/branches.md``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,7 @@ class Points:
         clamps: Where those of each clamp stand among what forces do work on, -1 where another has more, shape (clamp, turn); None
             without clamps.
         arrow: Where legs stand that meet only at their platform; None where that is not known.
+        periods: ``BoundaryProblem.periods``, shape (k, m), without clamps; m is 0 where nothing has one.
     """
 
     unknowns: FloatArray
@@ -61,6 +62,7 @@ class Points:
     settled: FloatArray | None = None
     clamps: IntArray | None = None
     arrow: Arrow | None = None
+    periods: FloatArray = field(default_factory=lambda: np.zeros((1, 0)))
 
     def __getitem__(self, row: int) -> "Point":
         return Point(self, row)
@@ -123,6 +125,7 @@ class Point(Row):
     frames: FloatArray
     stiffness: float
     settled: FloatArray | None
+    periods: FloatArray
     size: float
     singular: FloatArray
 

@@ -4,14 +4,21 @@ Numbers in parentheses are those of ``docs/branches.md``.
 """
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from multirod.solvers.following.descent import RADIUS, SOFT, Point
+from multirod.batch import IntArray
+from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope
 from multirod.solvers.following.many import Server
-from multirod.solvers.following.requests import Answer, Descend, Run
+from multirod.solvers.following.requests import EDGES, Answer, Descend, Run
+from multirod.solvers.following.valley import FIRST, LONGEST, by_turns, down_valley, in_valley
 from multirod.status import NOT_RUN, Status
 from multirod.validation import FloatArray
+
+if TYPE_CHECKING:
+    from multirod.solvers.following.walk import Walk
 
 DESCENT_STEPS = 150
 SHORTEST = 1e-3  # turn of the tip by a step, that is not halved again [rad]
@@ -20,6 +27,20 @@ FARTHEST = 4.0  # of that, on which one lies, as what tubes can turn each other 
 FINEST = 1e-3  # of a step, in which a residual that comes so near to zero that it may touch is looked at again
 TOUCHES = 0.1  # of what the residual is at both ends of a step, to which it comes within: it may be zero there
 HALVINGS = 100
+CLAMPED_STEPS = 400  # of a descent by the turns of clamps
+GOING, LEAST_GONE = 50, 2.5  # of so many in a row, what the parts that they keep are to add up to: what lands makes 12
+RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
+LEAST_RADIUS = 0.005  # the same where steps are short [rad]
+SHORTEST_CLAMPED = 1e-4  # part of a step
+MISSED = 0.2  # part of a step, by which it may have been wrong
+AIMED = 0.7  # of the error that is allowed, at which the next step is aimed
+OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
+ALONG_VALLEY = 20  # steps along a valley, after which it is followed
+HARDLY = 1e-3  # of K/L: a mode that is softer is let go on the way, and comes down its valley at the end
+AROUND = 25  # steps of a descent after which it is asked whether all comes to be as there, joints a turn further
+AGAIN = 125  # steps with clamps, after which it is asked of where it is then
+WHOLE = 0.75  # of a turn, beyond which one may be whole
+PASSES = 0.1  # of a step, by which it may pass where it was
 
 
 def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:
@@ -34,8 +55,12 @@ def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:
     radius, on = np.full(count, RADIUS), np.ones(count, dtype=bool)
     integrations, spent = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
     there: list[Point | None] = [None] * count
-    edge = np.full(count, NOT_RUN)
-    for _ in range(DESCENT_STEPS):
+    edge, rounds = np.full(count, NOT_RUN), _Rounds(np.array([one.point.periods for one in all_]), unknowns)
+    for k in range(DESCENT_STEPS * rounds.times):
+        if k == DESCENT_STEPS:
+            on &= rounds.turning(unknowns)
+        if k in (AROUND, DESCENT_STEPS):
+            rounds.since(unknowns)
         spent |= on & (integrations >= left)
         on &= ~spent
         now = np.flatnonzero(on)
@@ -54,7 +79,8 @@ def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:
         ended = shorter[radius[shorter] < SHORTEST]
         on[ended] = False
         nowhere = ended[~np.isfinite(points.size[np.searchsorted(now, ended)])]
-        edge[nowhere] = server.reasons(places[nowhere])
+        why = server.reasons(places[nowhere])
+        edge[nowhere] = np.where(np.isin(why, EDGES), why, NOT_RUN)
         for i in shorter[on[shorter]].tolist():
             step[i] = slopes[i].step(float(radius[i]))
         with np.errstate(invalid="ignore"):
@@ -64,6 +90,8 @@ def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:
         on[now[rests]] = False
         rows = np.flatnonzero(good & ~over & ~rests)
         some = now[rows]
+        around = rounds.passes(some, unknowns[some], points.unknowns[rows])
+        edge[some[around]], on[some[around]] = Status.LOOSE, False
         unknowns[some] = points.unknowns[rows]
         radius[some] = np.minimum(RADIUS, 1.5 * radius[some])
         step[some] = found.steps(rows, radius[some])
@@ -73,6 +101,101 @@ def descend(server: Server, asked: dict[int, Descend]) -> dict[int, Answer]:
         place: Answer(there[i], int(integrations[i]), int(integrations[i]), bool(spent[i]), edge=Status(int(edge[i])))
         for i, place in enumerate(places.tolist())
     }
+
+
+def in_steps(walk: "Walk", point: Point, slope: Slope, first: FloatArray) -> Run:
+    """Down in energy by the turns of clamps, in steps that (9) says are short enough, as ends that are held bend the way."""
+    radius, share, along, gone = RADIUS, 1.0, 0, np.inf
+    rounds = _Rounds(point.periods[None], point.unknowns[None])
+    turn = slope.modes.T @ first if first.any() else slope.turn(RADIUS)
+    for k in range(CLAMPED_STEPS):
+        if k % AGAIN == AROUND:
+            rounds.since(point.unknowns[None])
+        if k % GOING == 0:  # (17)
+            if gone < LEAST_GONE:
+                return None
+            gone = 0.0
+        step = share * (slope.back + slope.change(slope.modes @ turn))
+        trial = yield from walk._at(point.unknowns + step, point.level)
+        walk.iterations += 1
+        found, longest = walk._slope_or_none(trial), share * float(np.abs(turn).max())
+        off = np.inf if found is None or found.facing != slope.facing else slope.missed(share * turn, found)
+        allowed = max(MISSED * longest, OFF * max(1.0, slope.drive))
+        kicked = k > 0 and bool(first.any())
+        rises = kicked and found is not None and slope.rises(turn, found)
+        along += in_valley(slope, turn)
+        if along > ALONG_VALLEY and not walk.valley:
+            walk.valley = True  # it bends, which (4) knows nothing of
+            floor = by_turns(walk._at, point.level, slope.facing)
+            landed = yield from down_valley(floor, point.unknowns, FIRST, LONGEST, walk.within)
+            if landed is not None:
+                walk.hardly = int(abs(landed.slope.values[0]) < HARDLY)
+                return landed
+        shorter = np.sqrt(AIMED * allowed / max(off, 1e-300))  # by which it would be off as much as it is aimed to be
+        if not off <= allowed or rises:
+            share *= 0.5 if rises else min(max(shorter, 0.25), 0.7)
+            if share < SHORTEST_CLAMPED:
+                return None
+            continue
+        assert found is not None  # or it would be infinitely far off
+        if rounds.passes(np.zeros(1, dtype=np.intp), point.unknowns[None], trial.unknowns[None])[0]:
+            walk.edge = Status.LOOSE
+            return None
+        point, slope, gone = trial, found, gone + share
+        if point.size <= walk.within and slope.values[0] >= -SOFT:
+            return point
+        # what leads back to where ends are held may be long, and is no turn: it shortens steps, the radius by so much alone
+        radius = min(RADIUS_CLAMPED, max(LEAST_RADIUS, share * radius) * min(shorter, 2.0))
+        share, turn = 1.0, slope.turn(radius)
+    return None
+
+
+class _Rounds:
+    """(26) Which of many come by where they were, but that joints are whole turns further: they turn on and on.
+
+    Args:
+        periods: By how much unknowns change in a turn, shape (k, m), of the first of them; as ``BoundaryProblem.periods``.
+        unknowns: Where they begin [1/m], shape (k, n).
+
+    Attributes:
+        times: By how many times as many steps as others these may take.
+    """
+
+    def __init__(self, periods: FloatArray, unknowns: FloatArray) -> None:
+        count, n = unknowns.shape
+        every = np.full((count, n), np.inf)
+        every[:, : periods.shape[1]] = periods
+        self._told = every > 0
+        self._periods = np.where(self._told, every, np.inf)
+        self._before = np.array(unknowns)
+        self.times = 2 if np.isfinite(self._periods).any() else 1
+
+    def since(self, unknowns: FloatArray) -> None:
+        """Ask of where they are now, from here on."""
+        self._before = np.array(unknowns)
+
+    def turning(self, unknowns: FloatArray) -> NDArray[np.bool_]:
+        """Whose joints have turned by half of that, shape (k,)."""
+        return self._turned(np.arange(len(unknowns)), unknowns, 0.5 * WHOLE)
+
+    def passes(self, some: IntArray, last: FloatArray, unknowns: FloatArray) -> NDArray[np.bool_]:
+        """Whether steps of some, from ``last``, shapes (m, n), pass where they were, shape (m,)."""
+        result = np.zeros(len(some), dtype=bool)
+        for row in np.flatnonzero(self._turned(some, unknowns, WHOLE)).tolist() if self.times > 1 else ():
+            k = some[row]
+            step, apart = (self._but_for_turns(k, unknowns[row] - own) for own in (last[row], self._before[k]))
+            share = np.clip(apart @ step / max(float(step @ step), 1e-300), 0, 1)
+            result[row] = np.linalg.norm(apart - share * step) <= PASSES * np.linalg.norm(step)
+        return result
+
+    def _turned(self, some: IntArray, unknowns: FloatArray, share: float) -> NDArray[np.bool_]:
+        return np.asarray((np.abs(unknowns - self._before[some]) > share * self._periods[some]).any(axis=1))
+
+    def _but_for_turns(self, k: int, apart: FloatArray) -> FloatArray:
+        """A difference of unknowns without whole turns, and without what others tell."""
+        period = np.where(np.isfinite(self._periods[k]), self._periods[k], 0.0)
+        turns = np.round(apart / np.where(period > 0, period, 1.0)) * period
+        return np.where(self._told[k], apart - turns, 0.0)
 
 
 def next_rest(at: Callable[[FloatArray, float], Run], start: Point, sign: float, tolerance: float) -> Run:

@@ -171,6 +171,7 @@ class _Together:
         self._each = np.full(part.instance_count, 2**31)  # of the shortest, as which those go that are not counted
         self.tip = None if not judged or part.conjugates is None else Turns(part.conjugates)
         self._clamped = clamped
+        self._periods = np.zeros((part.instance_count, 0)) if part.periods is None else part.periods
         self._pieces: dict[int, tuple[IntArray, ClampedTurns]] = {}  # the last that integrated, by its way
         self._whole: dict[int, ClampedTurns] = {}
         self._clamping: dict[int, int] = {}  # by how many unknowns there are with clamps
@@ -253,15 +254,15 @@ class _Together:
         if self.tip is not None:
             forces, stiffness = self.tip.forces, self.tip.stiffness[places]
             unit, turned = (values[places] for values in self.tip.after(gamma))
-        columns, position = part.buffer("pose_columns")[places, None, :3, :n], part.read("position")[places]
         first = part.read("unknowns")[places], self.levels[places], residual, gamma[places]
+        seen = part.buffer("pose_columns")[places, None, :3, :n], part.read("position")[places]
         frames = part.read("rotation").reshape(-1, 1, 3, 3)[places]
-        return Points(*first, forces, unit, turned, columns, position, frames, stiffness)
+        return Points(*first, forces, unit, turned, *seen, frames, stiffness, periods=self._periods[places])
 
     def reasons(self, places: IntArray) -> IntArray:
         """As ``many.Server`` says."""
-        why = self.part.reasons(np.full(self.part.instance_count, Status.NONFINITE, dtype=np.int32))[places]
-        return np.where(why == Status.NONFINITE, Status.NOT_RUN, why)
+        failed = np.full(self.part.instance_count, Status.NONFINITE, dtype=np.int32)
+        return self.part.reasons(failed)[places].astype(np.intp)
 
     def _integrate(self, asked: Mapping[int, At]) -> dict[int, Point]:
         places = np.array(list(asked))
@@ -296,7 +297,8 @@ class _Together:
         found: dict[int, Point | None] = {}
         for some in _split(rows, AT_ONCE):
             first = unknowns[some], self.levels[places[some]], residual[some], gamma[some]
-            points = replace(Points(*first, turns.forces, *(own[some] for own in arrays)), clamps=turns.held, arrow=turns.arrow)
+            known: dict[str, Any] = {"clamps": turns.held, "arrow": turns.arrow, "periods": self._periods[places[some]]}
+            points = replace(Points(*first, turns.forces, *(own[some] for own in arrays)), **known)
             found |= {k: points[i] for i, k in enumerate(places[some].tolist())}
         return found
 
@@ -388,8 +390,8 @@ def _report(places: IntArray, journeys: Sequence[Journey], outcome: Outcome) -> 
     outcome.iterations[places] += [journey.iterations for journey in journeys]
     outcome.integrations[places] += [journey.integrations for journey in journeys]
     for place, journey in zip(places.tolist(), journeys, strict=True):
-        known = journey.status is Status.BRANCH_END and journey.edge is not Status.NOT_RUN
-        outcome.status[place] = journey.edge if known else journey.status
+        ended = journey.status is Status.BRANCH_END
+        outcome.status[place] = journey.edge if ended and journey.edge is not Status.NOT_RUN else journey.status
         if journey.events and journey.end is not None and not journey.status.failed:
             outcome.events[place] = journey.told(journey.end.position)
         if journey.neutral and not journey.status.failed:

@@ -10,6 +10,8 @@ from multirod.solvers.following.descent import Point, Slope
 from multirod.status import Status
 from multirod.validation import FloatArray
 
+EDGES = (Status.OUT_OF_HOLE, Status.LOOSE)  # why there is nothing where something goes down in energy
+
 
 @dataclass(frozen=True)
 class Judge:

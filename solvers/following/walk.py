@@ -11,10 +11,10 @@ from multirod.budget import Spent
 from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.following.descent import RADIUS, SOFT, VANISHING, Point, Slope, Unfit, turn_between
-from multirod.solvers.following.downhill import next_rest
+from multirod.solvers.following.downhill import in_steps, next_rest
 from multirod.solvers.following.many import BALANCED, alike, led_to
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Run, Trace, Weigh
-from multirod.solvers.following.valley import FIRST, LONGEST, along_floor, by_residuals, by_turns, down_valley, in_valley
+from multirod.solvers.following.valley import FIRST, LONGEST, along_floor, by_residuals, by_turns, down_valley
 from multirod.status import Status
 from multirod.validation import FloatArray
 
@@ -22,17 +22,7 @@ OVERSHOOT = 1e-3  # of the load, or of the way between two samples: first step b
 NOISY = 100.0  # norm of Gamma, beyond which it may be rounding that ends a branch
 POLISHED = 1e-2  # of the unknowns at the end of the way, by which other equations may move it slowly
 PIECES = 6  # into which clamps cut a rod, each of which is integrated
-CLAMPED_STEPS = 400  # of a descent by the turns of clamps
-GOING, LEAST_GONE = 50, 2.5  # of so many in a row, what the parts that they keep are to add up to: what lands makes 12
-RADIUS_CLAMPED = 0.5  # largest turn of them in a mode by one step [rad]
-LEAST_RADIUS = 0.005  # the same where steps are short [rad]
-SHORTEST_CLAMPED = 1e-4  # part of a step
-MISSED = 0.2  # part of a step, by which it may have been wrong
-AIMED = 0.7  # of the error that is allowed, at which the next step is aimed
-OFF = 0.02  # turn by which it may have been wrong however short it was [rad]
 STIFFER = 2.0  # of how far a branch was found from where it left another: its mode stiffens with that, in a step by 4 at most
-ALONG_VALLEY = 20  # steps along a valley, after which it is followed
-HARDLY = 1e-3  # of K/L: a mode that is softer is let go on the way, and comes down its valley at the end
 NEAR, WIDE = 1e-3, 0.1  # of the unknowns: the first step along a valley, and the longest
 ALONGSIDE = 2  # steps of Newton's method across modes that vanish
 DECIDED = 1e-4  # of K/L: a mode as unstable, or a moment as large, decides
@@ -349,50 +339,10 @@ class Walk:
 
     def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """The same by the turns of clamps; of legs that come nowhere so, on the floor of their valley."""
-        landed = yield from self._descend_in_steps(point, slope, first)
+        landed = yield from in_steps(self, point, slope, first)
         if landed is None and self.thorough and point.among.arrow is not None and slope.unsettled <= BESIDE:
             landed = yield from along_floor(self._at, point, slope, first, self.within)
         return landed
-
-    def _descend_in_steps(self, point: Point, slope: Slope, first: FloatArray) -> Run:
-        """The same in steps that (9) says are short enough, as ends that are held bend the way."""
-        radius, share, along, gone = RADIUS, 1.0, 0, np.inf
-        turn = slope.modes.T @ first if first.any() else slope.turn(RADIUS)
-        for k in range(CLAMPED_STEPS):
-            if k % GOING == 0:  # (17)
-                if gone < LEAST_GONE:
-                    return None
-                gone = 0.0
-            step = share * (slope.back + slope.change(slope.modes @ turn))
-            trial = yield from self._at(point.unknowns + step, point.level)
-            self.iterations += 1
-            found, longest = self._slope_or_none(trial), share * float(np.abs(turn).max())
-            off = np.inf if found is None or found.facing != slope.facing else slope.missed(share * turn, found)
-            allowed = max(MISSED * longest, OFF * max(1.0, slope.drive))
-            kicked = k > 0 and bool(first.any())
-            rises = kicked and found is not None and slope.rises(turn, found)
-            along += in_valley(slope, turn)
-            if along > ALONG_VALLEY and not self.valley:
-                self.valley = True  # it bends, which (4) knows nothing of
-                floor = by_turns(self._at, point.level, slope.facing)
-                landed = yield from down_valley(floor, point.unknowns, FIRST, LONGEST, self.within)
-                if landed is not None:
-                    self.hardly = int(abs(landed.slope.values[0]) < HARDLY)
-                    return landed
-            shorter = np.sqrt(AIMED * allowed / max(off, 1e-300))  # by which it would be off as much as it is aimed to be
-            if not off <= allowed or rises:
-                share *= 0.5 if rises else min(max(shorter, 0.25), 0.7)
-                if share < SHORTEST_CLAMPED:
-                    return None
-                continue
-            assert found is not None  # or it would be infinitely far off
-            point, slope, gone = trial, found, gone + share
-            if point.size <= self.within and slope.values[0] >= -SOFT:
-                return point
-            # what leads back to where ends are held may be long, and is no turn: it shortens steps, the radius by so much alone
-            radius = min(RADIUS_CLAMPED, max(LEAST_RADIUS, share * radius) * min(shorter, 2.0))
-            share, turn = 1.0, slope.turn(radius)
-        return None
 
 
 def held(slope: Slope) -> bool:

@@ -14,6 +14,7 @@ from multirod.results.events import BranchEvent, placed_events
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import signs
 from multirod.solvers.continuation.paths import SAFE_LOAD, Paths
+from multirod.solvers.following.requests import EDGES
 from multirod.solvers.newton.iteration import Newton
 from multirod.status import Status, failures
 from multirod.validation import FloatArray
@@ -49,7 +50,8 @@ def assemble(
     """Put the instances ``lost`` together without loads, then raise these: ``CONVERGED`` unless what that leads to is unstable.
 
     Steps pass the tests of every branch (``Paths``), ``PATIENCE`` times ``max_steps`` at most for the joints and as many for the
-    loads. What is not found is left as it is. ``go_on`` leads on from where a branch ends as loads are raised, or if so asked as
+    loads. What is not found is left as it is, but for why, where it goes down
+    in energy to where no state is. ``go_on`` leads on from where a branch ends as loads are raised, or if so asked as
     joints are closed, and says so in the outcome that it is given; the load factor of what happens while joints are closed is 0.
     How joints close is put into ``closed``; from where that ended, what is ``closing`` goes on.
 
@@ -68,6 +70,8 @@ def assemble(
         ended[places] = (found.status == Status.BRANCH_END) & (found.reached == 1.0)
         outcome.iterations[places] += found.iterations
         outcome.integrations[places] += found.integrations
+        edges = np.isin(found.status, EDGES)
+        outcome.status[places[edges]] = found.status[edges]
         reached = np.flatnonzero(~failures(found.status))
         outcome.status[places[reached]] = found.status[reached]
         outcome.events |= placed_events(found.events, places)

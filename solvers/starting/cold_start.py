@@ -14,6 +14,7 @@ from multirod.solvers.continuation.pace import ROUNDED_OFF, UNASKED
 from multirod.solvers.following.descent import SOFT
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
+from multirod.solvers.following.requests import EDGES
 from multirod.solvers.following.walk import NOISY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
@@ -56,6 +57,8 @@ class ColdStart:
         unbounded: Which are beside a line at its kink whose tension rises without bound.
         slack: Which are at the full load in a valley, and not at rest.
         eased: Which were tried as what twists a little more.
+        edges: Where going down in energy leads to no state of those whose branch ended: why, values of ``Status``; ``NOT_RUN`` of
+            the others.
     """
 
     def __init__(
@@ -73,6 +76,7 @@ class ColdStart:
         self.outcome = Outcome.zeros(count)
         self.handed, self.unbounded, self.slack, self.eased = np.zeros((4, count), dtype=bool)
         self.tried: IntArray = np.full(count, int(Status.NOT_RUN))
+        self.edges = self.tried.copy()
         self.ends: FloatArray = np.zeros((count, problem.unknown_count))
 
     def run(self) -> Outcome:
@@ -244,8 +248,9 @@ class ColdStart:
     def _begin_anywhere(self) -> None:
         """What inputs hold, from several places where it would rest."""
         if self.options.at_fold != "stop":
-            astray = (*WITHOUT_REASON, Status.NONFINITE, Status.OUT_OF_HOLE)
-            self._released().begin_scattered(self.lost & np.isin(self.outcome.status, astray))
+            self._released().begin_scattered(
+                self.lost & np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE, *EDGES))
+            )
 
     def _ease(self, some: BoolArray) -> None:
         """What hardly twists, or does not, of ``some``, by what twists a little more; once."""
@@ -267,6 +272,7 @@ class ColdStart:
         newton.allow(self._allowed)
         closed: Closed = {}
         ended = assemble(problem, newton, outcome, some, steps, further, closed=closed)
+        self._note_edges()
         pulled = {place: unknowns for place, (_, _, unknowns) in closed.items()}
 
         def cut(place: int) -> StandIn | None:
@@ -289,6 +295,7 @@ class ColdStart:
             open_ = np.zeros_like(ended)
             open_[[place for place, (status, *_) in closed.items() if status.failed]] = True
             assemble(problem, newton, outcome, some & self.lost & open_, steps, further, closed=closed, closing=True)
+            self._note_edges()
             in_pieces("follow")
 
         def from_several_places() -> None:
@@ -310,6 +317,11 @@ class ColdStart:
     def _go_on(self, lost: BoolArray) -> None:
         assert self.outcome.reached is not None  # or no branch ended
         go_on(self.options, self.problem, self.newton, self.outcome, lost, self.outcome.reached, self.ends, slack=self.slack)
+        self._note_edges()
+
+    def _note_edges(self) -> None:
+        there = np.isin(self.outcome.status, EDGES)
+        self.edges[there] = self.outcome.status[there]
 
     def _hand_over(self) -> None:
         """Let segments go on where shooting crept; where they come to an end, shooting follows the branch to there too."""
@@ -354,6 +366,9 @@ class ColdStart:
         outcome = self.outcome
         outcome.status[self.unbounded & failures(outcome.status)] = Status.LINES_TOO_SHORT
         lost = np.isin(outcome.status, WITHOUT_REASON)
+        said = lost & (self.edges != int(Status.NOT_RUN))
+        outcome.status[said] = self.edges[said]
+        lost &= ~said
         if lost.any():
             outcome.status[lost & self.problem.is_loose()] = Status.LOOSE
 
