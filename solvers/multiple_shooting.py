@@ -17,7 +17,7 @@ from multirod.solvers.segments.equilibria import FAR
 from multirod.solvers.segments.loosened import Loosened
 from multirod.solvers.segments.path import Results, SegmentedPaths
 from multirod.solvers.segments.place import Place
-from multirod.stability import Stability
+from multirod.stability import Stability, modes_of
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray, positive_int
 
@@ -245,14 +245,16 @@ class MultipleShooting(Solver):
             found = place.chosen(tried)
             position[tried], rotation[tried] = segments.tip_pose(found.cuts, found.found)
         self._polish(problem, unknowns, (position, rotation), segments, outcome, paths.rounding(place))
-        alone = outcome.status == Status.MULTIPLE_SHOOTING
-        points = {k: own for k, own in results.points().items() if alone[k]}
-        if natural and points:
-            # stable at its start, a natural branch stays stable
-            unstable = segments.modes(points).stability == Stability.UNSTABLE
-            for k in np.array(list(points))[unstable].tolist():
-                outcome.status[k] = Status.BRANCH_END
-                del points[k]
+        points = {k: own for k, own in results.points().items() if outcome.status[k] == Status.MULTIPLE_SHOOTING}
+        if natural:  # stable at its start, such a branch stays stable
+            alone, whole = np.array(list(points), dtype=int), np.flatnonzero(outcome.status == Status.CONVERGED)
+            if len(whole):
+                unstable = modes_of(problem, whole).stability == Stability.UNSTABLE
+                outcome.status[whole[unstable]] = Status.BRANCH_END
+            if len(alone):
+                unstable = segments.modes(points).stability == Stability.UNSTABLE
+                outcome.status[alone[unstable]] = Status.BRANCH_END
+                points = {k: own for k, own in points.items() if outcome.status[k] == Status.MULTIPLE_SHOOTING}
         records = problem.snapshot()
         fields = {name: records[:, place] for name, place in problem.record_fields.items()}
         some = outcome.status == Status.MULTIPLE_SHOOTING

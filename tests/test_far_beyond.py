@@ -99,6 +99,20 @@ def test_one_sample_presses_a_column_far_and_others_go_on():
         np.testing.assert_array_equal(tracker.step(tip_force=(0, 0, -force)).tip_position, history.tip_position[k])
 
 
+def test_what_segments_go_on_to_is_known_by_its_states_without_an_event_too():
+    """A column that is hardly bent, from 50 to 441 at once: it was ``CONVERGED`` without a ``Gamma``, and the next sample ended
+    in a ``LinAlgError``."""
+    bent = mr.SingleRod(mr.Rod(length=1, bending_stiffness=1, torsional_stiffness=0.7, precurvature=(2e-4, -2.5e-4, 4e-5)))
+    load = np.array([50.0, 441.0, 68.0])
+    history = mr.simulate(bent, bent.inputs(tip_force=load[:, None] * np.array([0, 0, -1.0])), time=np.arange(3.0))
+    history.raise_if_failed()
+    assert history.status[1] == mr.Status.MULTIPLE_SHOOTING
+    assert (np.isnan(history.condition) == (history.status == mr.Status.MULTIPLE_SHOOTING)).all()
+    expected = np.array([elastica(own) for own in load])
+    found = np.stack([np.hypot(*history.tip_position.T[:2]), history.tip_position[:, 2]], axis=1)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)  # of the order of how much it is bent
+
+
 def test_a_guess_by_states_is_not_turned():
     robot = column()
     known = mr.solve(robot, robot.inputs(tip_force=(0, 0, -300)))

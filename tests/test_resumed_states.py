@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import multirod as mr
+from multirod.solvers.multiple_shooting import MultipleShooting
 
 EI, LENGTH = 0.02, 0.4
 UNIT = EI / LENGTH**2
@@ -166,3 +167,21 @@ def test_what_a_sample_takes_does_not_depend_on_others_that_go_again():
     alone = mr.simulate(robot, robot.inputs(tip_force=force[:, 4]), time=[0.0, 1.0], progress=False)
     np.testing.assert_array_equal(alone.integrations, both.integrations[:, 4])
     np.testing.assert_array_equal(alone.tip_position, both.tip_position[:, 4])
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.1])
+@pytest.mark.parametrize(("times", "status"), [(0.5, mr.Status.CONVERGED), (1.5, mr.Status.BRANCH_END)])
+def test_segments_do_not_go_on_by_what_is_unstable_though_its_base_leads_to_its_tip(times, status, moment):
+    """A column that stands upright, with and without a moment that twists it, which has no potential: above Euler's load it was
+    ``CONVERGED``."""
+    strip = mr.SingleRod(mr.Rod(length=LENGTH, bending_stiffness=(3 * EI, EI), torsional_stiffness=0.6 * EI))
+    thrust = times * np.pi**2 / 4 * UNIT
+    inputs = strip.inputs(tip_force=(0, 0, -thrust), tip_moment=(0, 0, moment * EI / LENGTH))
+    upright = mr.solve(strip, inputs, guess=np.zeros(3))
+    assert not upright.failed and abs(upright.tip_position[:2]).max() < 1e-9
+    problem = strip.problem(inputs, integrator=mr.RK45())
+    problem.write("unknowns", upright.unknowns[None])
+    by_segments = MultipleShooting()
+    states = by_segments.states(problem, np.array([0]))
+    outcome, _ = by_segments.resume_branch(problem, states, problem.read("inputs"), np.array([50]))
+    assert outcome.status[0] == status

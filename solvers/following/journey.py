@@ -116,9 +116,9 @@ class Journey(Walk):
     def _run_damped(self, point: Point) -> Run:
         """The same by damped dynamics, (11), wherever the branch ends: in longer steps where none can be followed on."""
         farthest = 0.0
-        for landings in range(MOST_EVENTS):
+        for _ in range(MOST_EVENTS):
             if point.level == 1:
-                self.status, self.end = Status.DAMPED if landings else Status.CONVERGED, point
+                self.status, self.end = self.said, point
                 return
             step = max(farthest, FAR_BEYOND if self.by_inputs else FAR_BEYOND * max(point.level, FAR_BEYOND))
             landed = None
@@ -136,6 +136,7 @@ class Journey(Walk):
                     break
             if landed is None:
                 return
+            self.quiet, self.begun = Status.DAMPED, landed
             point = yield from self._along(landed, 0)
             farthest = 4 * longer if point.level == landed.level else 0.0
 
@@ -164,9 +165,8 @@ class Journey(Walk):
 
     @property
     def said(self) -> Status:
-        """What the events make of a result."""
-        had = {event.status for event in self.events}
-        return next((status for status in (Status.SNAPPED, Status.BIFURCATED) if status in had), Status.CONVERGED)
+        """What the events make of a result, or that damped dynamics led to it."""
+        return max((event.status for event in self.events), key=(Status.BIFURCATED, Status.SNAPPED).index, default=self.quiet)
 
     def told(self, end: FloatArray) -> tuple[BranchEvent, ...]:
         """Its events, and how far each moved the end effector, which is at ``end`` (3,) now."""

@@ -111,7 +111,9 @@ def _in_segments(
             tried = _by_inputs(options, problem, outcome, ends, left, before)
         position = problem.read("position")
         for k in np.flatnonzero(good(tried)).tolist():
-            outcome.status[k], outcome.events[k] = some[k].said, some[k].told(position[k])
+            if some[k].said is not Status.CONVERGED:  # else it is as segments say: known by its states alone, maybe
+                outcome.status[k] = some[k].said
+            outcome.events[k] = some[k].told(position[k])
             if modes:
                 outcome.turning.add(k)
 

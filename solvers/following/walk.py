@@ -90,6 +90,7 @@ class Walk:
     within: float = 0.0  # largest residual where a descent ends [1/m]
     lost: Point | None = None  # where rounding hides how it goes on
     begun: Point | None = None  # where it came to from the last branch that ended
+    quiet: Status = Status.CONVERGED  # what is said without events
     hardly: int = 0  # modes in which hardly anything holds what it has come down a valley to: 1, or none
     valley: bool = False  # whether it has come to one
     beside: bool = False  # whether the last step beyond a critical point led to what is beside it
