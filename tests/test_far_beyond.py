@@ -99,6 +99,23 @@ def test_one_sample_presses_a_column_far_and_others_go_on():
         np.testing.assert_array_equal(tracker.step(tip_force=(0, 0, -force)).tip_position, history.tip_position[k])
 
 
+@pytest.mark.parametrize("bend", [1e-6, 1e-4])
+def test_what_next_to_nothing_holds_on_its_circle_is_followed_without_an_event(bend):
+    """A column that is bent by a millionth at rest was ``BRANCH_END`` from 16 ``EI/L^2`` on; one bent by 1e-4 ``BIFURCATED`` at
+    12, where nothing crosses its branch."""
+    bent = mr.SingleRod(mr.Rod(length=1, bending_stiffness=1, torsional_stiffness=0.7, precurvature=(bend, -0.7 * bend, 0)))
+    load = np.array([0.3, 16.3, 76.0, 25.0, 0.05, 17.0, 12.0])
+    history = mr.simulate(bent, bent.inputs(tip_force=load[:, None] * np.array([0, 0, -1.0])), time=np.arange(7.0))
+    history.raise_if_failed()
+    assert not any(history.events)
+    expected = np.array([elastica(own) if own > 3 else (0.0, 1.0) for own in load])
+    found = np.stack([np.hypot(*history.tip_position.T[:2]), history.tip_position[:, 2]], axis=1)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=bend)  # of the order of how much it is bent
+    # to the side to which it is bent, as far as what holds it there is more than the tolerance
+    side = np.arctan2(history.tip_position[:, 1], history.tip_position[:, 0])
+    np.testing.assert_allclose(side[load > 3], np.arctan2(-1, -0.7), rtol=0, atol=1e-8 / bend)
+
+
 def test_what_segments_go_on_to_is_known_by_its_states_without_an_event_too():
     """A column that is hardly bent, from 50 to 441 at once: it was ``CONVERGED`` without a ``Gamma``, and the next sample ended
     in a ``LinAlgError``."""

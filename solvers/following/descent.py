@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.batch import IntArray
+from multirod.rotations import leading_axis
 from multirod.solvers.following.arrow import Arrow, inverses
 from multirod.validation import FloatArray
 
@@ -19,6 +20,10 @@ RADIUS = 0.1  # largest turn in a mode by one step [rad]
 VANISHING = 1e-2  # of K/L: a mode as stiff, or less, vanishes at a critical point
 NUDGE = 1e-3  # of the radius, along a mode that is unstable where no step is longer
 BENT = 1e-6  # turn of what costs nothing, below which the rod is straight [rad]
+DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
+KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
+TOGETHER = 1e-2  # of the lowest: modes that close to it vanish with it
+TELLS = 0.1  # of the longest way of any place: where the tip's counts
 KEPT = 1e-9  # largest condition, in the Frobenius norm, inverted, of a Y that is not singular, its rows as large as each other
 
 
@@ -338,6 +343,31 @@ class Slope(Row):
     def change(self, turn: FloatArray) -> FloatArray:
         """Change of the unknowns [1/m] that turns the tip so [rad], shape (n,)."""
         return np.asarray(self.ways @ turn)
+
+
+def way_out(slope: Slope, moved: FloatArray, longer: float, side: int) -> tuple[FloatArray, bool]:
+    """How the tip is turned off a point that is in balance, 0 where a moment drives it, shape (n,), and whether that is so.
+
+    (5) Of the modes that vanish together, the combination by which the tip goes to a positive x of the world; where it hardly
+    moves that way, y, then z; to the ``side`` of its sign.
+
+    Args:
+        slope: Beyond a critical point.
+        moved: How places move there, as ``Points`` has it, shape (place, 3, n).
+        longer: By how many times as far as the first step beyond.
+        side: 1 or -1.
+    """
+    count = int((slope.values <= slope.values[0] + TOGETHER * abs(slope.values[0]) + SOFT).sum())
+    if np.abs(slope.along[:count]).max() > DRIVEN * max(1.0, longer):
+        return np.zeros(len(slope.values)), True
+    modes = slope.modes[:, :count]
+    places = moved @ slope.change(modes)
+    reach = np.linalg.norm(places, axis=(1, 2))
+    moves = places[-1 if reach[-1] >= TELLS * reach.max() else int(np.argmax(reach > (1 - TELLS) * reach.max()))]
+    size = np.linalg.norm(moves, axis=1)
+    axis = int(leading_axis(size))
+    with np.errstate(invalid="ignore"):  # where no mode moves the tip there is no way out, and none is found
+        return side * KICK * modes @ (moves[axis] / size[axis]), False
 
 
 def downhill(along: FloatArray, values: FloatArray, radius: FloatArray) -> FloatArray:

@@ -10,8 +10,7 @@ import numpy as np
 
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
-from multirod.rotations import leading_axis
-from multirod.solvers.following.descent import SOFT, Point, Slope, Unfit, turn_between
+from multirod.solvers.following.descent import KICK, SOFT, Point, Unfit, turn_between, way_out
 from multirod.solvers.following.many import alike
 from multirod.solvers.following.requests import Run, Settle
 from multirod.solvers.following.walk import BESIDE, DECIDED, MERGED, Walk, held
@@ -30,10 +29,8 @@ LEAST_LEFT = 1e-5  # of the way: the end may be as near to the branch as its own
 CLEAR = 3e-3  # of K/L: as unstable it is wanted where no moment drives it, before the end of the way
 NEAR = 5.0  # turn to a branch that leaves, over the root of how unstable the other is: 2.6 of a column [rad]
 DEEPER = 10.0  # than a branch goes down that leaves as a root, by as large a turn: what is elsewhere
-DRIVEN = 1e-6  # of K/L: a smaller moment along a mode that vanishes is none
-KICK = 1e-2  # turn of the tip off what is unstable and in balance [rad]
-TOGETHER = 1e-2  # of the lowest: modes that close to it vanish with it
-TELLS, STILL = 0.1, 1e-3  # of the longest way of any place: where the tip's counts, and where it is held
+AS_SOFT = 0.1  # of how unstable the other is, what a branch that leaves has not: it is twice that
+STILL = 1e-3  # of the longest way of any place: where the tip is held
 FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
 APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
@@ -80,6 +77,10 @@ class Journey(Walk):
             if point.level == 1:
                 break
             landed = yield from self._leave(point)
+            if landed is None and neutral:  # what was not quite symmetric stiffens where it becomes straight
+                point, neutral, before = (yield from self._along(point, 0)), 0, point.level
+                if point.level > before:
+                    continue
             if landed is None:
                 yield from self._end_undecided(point)
                 return
@@ -90,11 +91,12 @@ class Journey(Walk):
                 self.places.append(point.position)
             leaves = event is not None and event.status is Status.BIFURCATED and not event.fold
             point = yield from self._along(landed, neutral, point if leaves else None)
-            if self.hardly > neutral and (point := (yield from self._let_down(point))) is None:
+            loud = point.level < 1 and np.linalg.norm(point.gamma) > self.loud
+            if self.hardly > neutral and not loud and (point := (yield from self._let_down(point))) is None:
                 return
             if 1 - LAST < point.level < 1:
                 point, neutral = yield from self._released(point, neutral)
-            if point.level < 1 and (point.singular[-1] > self.singular or np.linalg.norm(point.gamma) > self.loud):
+            if loud or point.level < 1 and point.singular[-1] > self.singular:
                 self._lose(point)
                 return
         if point.level < 1:
@@ -273,7 +275,8 @@ class Journey(Walk):
         self.beside = slope.unsettled <= BESIDE
         if beside and not self.beside:
             return None
-        first, fold = self._way_out(slope, beyond, critical)
+        longer = (beyond.level - critical.level) / self._overshoot(critical)
+        first, fold = way_out(slope, beyond.moved, longer, self.side)
         slight = first.any() and beyond.level == 1 and slope.lowest > -SLIGHT
         self.left, self.within = (critical if slight else None), self.tolerance
         if slight:
@@ -289,7 +292,11 @@ class Journey(Walk):
             rest = yield from self._at_rest(own, landed.level, neutral)
             if rest is None:
                 return None
-        if not (yield from self._rests(rest, neutral, landed)):
+        if neutral and (yield from self._by_symmetry(rest, landed)) != neutral:
+            if neutral > 1:
+                return None
+            self.hardly, neutral = 1, 0  # what is not quite symmetric holds it by as little
+        if not (yield from self._rests(rest, neutral)):
             return None
         status = yield from self._kind(critical, beyond, landed, rest, first)
         if status is None:
@@ -331,14 +338,17 @@ class Journey(Walk):
         return before - (yield from self._weigh(found.unknowns, found.level))
 
     def _kind(self, critical: Point, beyond: Point, landed: Point, rest: Point, first: FloatArray) -> Run:
-        """(6), (23) Whether a point that was come to, ``rest`` without clamps, is on a branch that leaves the critical point, or
-        elsewhere; None where it is on the same branch."""
+        """(6), (23), (26) Whether a point that was come to, ``rest`` without clamps, is on a branch that leaves the critical
+        point, or elsewhere; None where it is on the same branch."""
         turn = turn_between(critical.frames, landed.frames)
         if held(beyond.slope) and turn < 2 * MERGED:
             return None
         neutral = landed.slope.neutral
-        if critical.slope.neutral == neutral > 0 and turn < 2 * KICK and not self.slight:
-            return None  # pushed along what is neutral on all of the branch
+        left = int((beyond.slope.values < -SOFT).sum())
+        along = landed.slope.neutral > 0 and landed.slope.neutral == critical.slope.neutral
+        along |= left > 0 and landed.slope.values[left - 1] < AS_SOFT * -beyond.slope.values[0]
+        if along and turn < 2 * KICK and not self.slight:
+            return None  # pushed along what is neutral, or nearly so, on all of the branch
         if turn > FAR and not first.any():
             return Status.SNAPPED
         value = beyond.slope.lowest
@@ -368,24 +378,6 @@ class Journey(Walk):
                 last = beyond if rest is None else rest
                 return last if last.slope.lowest < -AT_END else None
             step *= 4
-
-    def _way_out(self, slope: Slope, beyond: Point, critical: Point) -> tuple[FloatArray, bool]:
-        """How the tip is turned off a point that is in balance, 0 where a moment drives it, shape (n,), and whether that is so.
-
-        (5) Of the modes that vanish together, the combination by which the tip goes to a positive x of the world; where it hardly
-        moves that way, y, then z.
-        """
-        count = int((slope.values <= slope.values[0] + TOGETHER * abs(slope.values[0]) + SOFT).sum())
-        if np.abs(slope.along[:count]).max() > DRIVEN * max(1.0, (beyond.level - critical.level) / self._overshoot(critical)):
-            return np.zeros(len(slope.values)), True
-        modes = slope.modes[:, :count]
-        places = beyond.moved @ slope.change(modes)
-        reach = np.linalg.norm(places, axis=(1, 2))
-        moves = places[-1 if reach[-1] >= TELLS * reach.max() else int(np.argmax(reach > (1 - TELLS) * reach.max()))]
-        size = np.linalg.norm(moves, axis=1)
-        axis = int(leading_axis(size))
-        with np.errstate(invalid="ignore"):  # where no mode moves the tip there is no way out, and none is found
-            return self.side * KICK * modes @ (moves[axis] / size[axis]), False
 
     def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray, neutral: int) -> Run:
         """Distance of where a quarter of the overshoot leads, over that of where all of it did."""

@@ -158,14 +158,12 @@ class Walk:
         except Unfit:
             return None
 
-    def _rests(self, point: Point, neutral: int, clamped: Point) -> Run:
+    def _rests(self, point: Point, neutral: int) -> Run:
         """Whether a point is stable but for modes that symmetry leaves neutral; what loads across hold too little to be told from
         these is one of a held rod too, whose ``Gamma`` says what they hold."""
         judgement = yield from self._judge(point)
         told = self.slight or not self.has_tip or neutral <= judgement.soft <= max(neutral, self.hardly)
-        if not (judgement.stands and told):
-            return False
-        return not neutral or (yield from self._by_symmetry(point, clamped)) == neutral
+        return judgement.stands and told
 
     # ---- along a branch ----
 
