@@ -130,6 +130,15 @@ def test_what_segments_go_on_to_is_known_by_its_states_without_an_event_too():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)  # of the order of how much it is bent
 
 
+def test_what_rounding_stops_goes_on_in_segments_by_the_steps_that_led_there():
+    """Pressed askew by 300 ``EI/L^2`` in one sample it was ``STALLED``: by other steps its unknowns lead elsewhere."""
+    robot, force = column(), 300 * np.array([1, 0, -2]) / np.sqrt(5)
+    history = mr.simulate(robot, robot.inputs(tip_force=np.outer([0, 1], force)), time=np.arange(2.0)).raise_if_failed()
+    alone = mr.solve(robot, robot.inputs(tip_force=force)).raise_if_failed()
+    assert alone.stability == history[1].stability == mr.Stability.STABLE
+    np.testing.assert_allclose(history.tip_position[1], alone.tip_position, rtol=0, atol=1e-8)
+
+
 def test_a_guess_by_states_is_not_turned():
     robot = column()
     known = mr.solve(robot, robot.inputs(tip_force=(0, 0, -300)))

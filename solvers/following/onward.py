@@ -100,10 +100,15 @@ def _in_segments(
     options: "Shooting", problem: BoundaryProblem, outcome: Outcome, lost: Mapping[int, Journey], before: FloatArray | None
 ) -> None:
     """Let the instances of journeys that rounding has ended, or led astray, go on in segments from where that is not so."""
-    neutral = {k: own.events[-1].neutral if own.events else 0 for k, own in lost.items()}
+    neutral, asked = {k: own.events[-1].neutral if own.events else 0 for k, own in lost.items()}, options.integrator.steps or 0
     for modes in sorted(set(neutral.values())):
         some = {k: own for k, own in lost.items() if neutral[k] == modes}
-        ends = {k: (own.lost.unknowns, own.lost.level, own.steps) for k, own in some.items() if own.lost is not None}
+        ends = {
+            # what never moved was found by the equations that were asked for
+            k: (own.lost.unknowns, own.lost.level, asked if np.array_equal(own.lost.unknowns, own.start) else own.steps)
+            for k, own in some.items()
+            if own.lost is not None
+        }
         left = outcome.left_of(options.max_integrations)
         if before is None:
             tried = in_segments(options).go_on(problem, outcome, ends, left, modes)
