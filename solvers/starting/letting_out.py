@@ -44,6 +44,13 @@ def near_the_end(problem: BoundaryProblem, outcome: Outcome, chosen: BoolArray) 
     return np.asarray(chosen & ended & (outcome.reached > 1 - NEAR_END))
 
 
+def at_kinks(problem: BoundaryProblem, unknowns: FloatArray) -> BoolArray:
+    """Where a line that does not stretch is at its kink by ``unknowns`` (instance_count, n); (instance_count,)."""
+    if not len(problem.kink_inputs):
+        return np.zeros(problem.instance_count, dtype=bool)
+    return np.asarray((np.abs(unknowns[:, problem.kinks]) < HAIR * problem.curvature_scale()[:, None]).any(axis=1))
+
+
 def let_out(
     problem: BoundaryProblem, newton: Corrector, outcome: Outcome, chosen: BoolArray, find: Callable[[BoolArray], Outcome]
 ) -> BoolArray:

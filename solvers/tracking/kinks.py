@@ -1,13 +1,17 @@
 """A motion past the kink between taut and slack, (L8e) of ``docs/lines.md``: is its sample on the branch of the last one?"""
 
+from dataclasses import dataclass
 from itertools import chain, combinations
 
 import numpy as np
 
 from multirod.problem import BoundaryProblem
+from multirod.solver import Outcome
+from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.newton_kernels import LARGE_CHANGE
-from multirod.status import BoolArray, IntArray
+from multirod.solvers.starting.letting_out import let_out, loosened
+from multirod.status import CONVERGED, BoolArray, IntArray, Status
 from multirod.validation import FloatArray
 
 MOST_TOGETHER = 8  # lines that turn at once, of which all minors are looked at
@@ -44,3 +48,51 @@ def follows(last: FloatArray, here: FloatArray, turned: IntArray) -> bool:
     except np.linalg.LinAlgError:
         return False
     return bool(np.abs(change).max() < LARGE_CHANGE)
+
+
+@dataclass(frozen=True)
+class Ways:
+    """From the last good samples of a motion to what is asked for.
+
+    Attributes:
+        paths: On which inputs change.
+        newton: On the same problem.
+        before: Inputs of these samples, shape (instance_count, input_count).
+        last: Their unknowns, shape (instance_count, n).
+        most: Integrations that a sample may take.
+    """
+
+    paths: Paths
+    newton: Newton
+    before: FloatArray
+    last: FloatArray
+    most: int
+
+
+def found_let_out(problem: BoundaryProblem, ways: Ways, outcome: Outcome, stuck: BoolArray) -> BoolArray:
+    """(L8c) of ``docs/lines.md``: what is ``stuck`` beside a line at its kink, from the last good sample with all lines longer,
+    on a way where they are. Which were found; the status of others is as it was, or says that tensions rise without bound."""
+    newton, asked = ways.newton, problem.read("inputs")
+    newton.allow(outcome.left_of(ways.most))
+
+    def find(some: BoolArray) -> Outcome:
+        longer = problem.read("inputs")
+        start = ways.before + longer - asked
+        problem.write("inputs", start)
+        problem.write("unknowns", np.where(some[:, None], loosened(problem, ways.last), problem.read("unknowns")))
+        newton.run(some)
+        first, ready = newton.outcome(), some & (newton.outcome().status == CONVERGED)
+        problem.write("inputs", longer)
+        found = ways.paths.change_inputs(ready, start, problem.read("unknowns"), newton.gamma())
+        found.status[some & ~ready] = int(Status.STALLED)
+        found.iterations += first.iterations
+        found.integrations += first.integrations
+        return found
+
+    known = outcome.status.copy()
+    outcome.status[stuck] = Status.STALLED
+    unbounded = let_out(problem, newton, outcome, stuck, find)
+    found = stuck & (outcome.status == CONVERGED)
+    outcome.status[stuck & ~found] = known[stuck & ~found]
+    outcome.status[unbounded] = Status.LINES_TOO_SHORT
+    return np.asarray(found)

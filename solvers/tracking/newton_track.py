@@ -17,11 +17,11 @@ from multirod.solvers.newton.iteration import UNLIMITED
 from multirod.solvers.newton.newton_kernels import FORGOTTEN, Sample
 from multirod.solvers.segments.by_inputs import unsafe
 from multirod.solvers.starting.cold_start import ColdStart
-from multirod.solvers.starting.letting_out import let_out, loosened
+from multirod.solvers.starting.letting_out import at_kinks
 from multirod.solvers.tracking.bends import SAME, bent, ended, passed_unstable
 from multirod.solvers.tracking.by_states import LastStates
 from multirod.solvers.tracking.foretold import FAR, extrapolated, respaced, shifted
-from multirod.solvers.tracking.kinks import passed_kinks
+from multirod.solvers.tracking.kinks import Ways, found_let_out, passed_kinks
 from multirod.stability import modes_of
 from multirod.status import BoolArray, Status, failures
 from multirod.validation import FloatArray
@@ -261,11 +261,18 @@ class NewtonTrack(Track):
 
     def _continue(self, doubtful: BoolArray, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
+        paths, last = (
+            Paths(self.problem, self.newton, self.options.max_continuation_steps),
+            (self.last.copy(), self.newton.reference()),
+        )
+        ways = Ways(paths, self.newton, before, last[0], self.options.max_integrations)
+        if (kinked := doubtful & at_kinks(self.problem, last[0])).any():  # where a path would end in ever shorter steps
+            doubtful = doubtful & ~found_let_out(self.problem, ways, outcome, kinked)
+            if not doubtful.any():
+                return
         calm, ahead = doubtful & (outcome.status == _CONVERGED), self.problem.read("unknowns")
         self.newton.allow(outcome.left_of(self.options.max_integrations))
-        paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
         safe = np.where(self.fresh, FRESH, 1.0)
-        last = self.last.copy(), self.newton.reference()
         again = paths.change_inputs(doubtful, before, *last, safe_step=safe)
         self._take_in(doubtful, again, outcome)
         reached, ends = again.reached, self.problem.read("unknowns")
@@ -276,7 +283,7 @@ class NewtonTrack(Track):
             self.newton.allow(outcome.left_of(self.options.max_integrations))
             self._take_in(stuck, paths.change_inputs(stuck, before, *last, dip=DIP), outcome)
             if len(self.problem.kink_inputs) and (stuck := stuck & failures(outcome.status)).any():
-                self._let_out(stuck, outcome, paths, before, last[0])
+                found_let_out(self.problem, ways, outcome, stuck)
         # where many modes are soft, steps may become small just before one vanishes
         stalled = doubtful & (outcome.status == Status.STALLED)
         over = stalled | (doubtful & np.isin(outcome.status, ENDED))
@@ -335,27 +342,6 @@ class NewtonTrack(Track):
             outcome.events |= again.events
             self.known &= ~failed
             self.all_known = False
-
-    def _let_out(self, stuck: BoolArray, outcome: Outcome, paths: Paths, before: FloatArray, last: FloatArray) -> None:
-        """What is stuck beside a line at its kink, from the last good sample with all lines longer, on a way where they are."""
-        problem, newton, asked = self.problem, self.newton, self.problem.read("inputs")
-        newton.allow(outcome.left_of(self.options.max_integrations))
-
-        def find(some: BoolArray) -> Outcome:
-            longer = problem.read("inputs")
-            start = before + longer - asked
-            problem.write("inputs", start)
-            problem.write("unknowns", np.where(some[:, None], loosened(problem, last), problem.read("unknowns")))
-            newton.run(some)
-            first, ready = newton.outcome(), some & (newton.outcome().status == _CONVERGED)
-            problem.write("inputs", longer)
-            found = paths.change_inputs(ready, start, problem.read("unknowns"), newton.gamma())
-            found.status[some & ~ready] = int(Status.STALLED)
-            found.iterations += first.iterations
-            found.integrations += first.integrations
-            return found
-
-        outcome.status[let_out(problem, newton, outcome, stuck, find)] = Status.LINES_TOO_SHORT
 
     @staticmethod
     def _take_in(chosen: BoolArray, again: Outcome, outcome: Outcome) -> None:

@@ -128,7 +128,8 @@ def drive() -> None:
             {"displacement": lengths},
             {"displacement": turning},
         ),
-        "by displacement, which do not": (robot(**by_length), {"displacement": lengths}, {"displacement": turning - 1e-4}),
+        "by displacement, which do not": (robot(**by_length), {"displacement": lengths}, {"displacement": turning}),
+        "the same, let out by 1 um": (robot(**by_length), {"displacement": lengths - 1e-6}, {"displacement": turning - 1e-6}),
         "the same, let out by 1 mm": (robot(**by_length), {"displacement": lengths - 1e-3}, {"displacement": turning - 1e-3}),
     }
     print("\nfour tendons, solves of a batch of 200 from nothing, and a loop of 400 samples at 200 Hz, by default solvers\n")
