@@ -56,7 +56,7 @@ def spring(A, B, h, a, b, T, made):
     by_h = energy - (moment * k).sum(-1) - (mz * rate).sum(-1)
     energy = h * energy
     by_angle = h[..., None] * (mx * (s * x + c * y) - my * (c * x - s * y))
-    offsets = made["offset"]  # (..., lines, 3)
+    offsets, T = made["offset"], T * made["runs"]  # (..., lines, 3), (..., lines)
     along = h[..., None, None] * AXIS + np.cross(phi[..., None, :], offsets)
     lengths = np.linalg.norm(along, axis=-1)
     t = along / lengths[..., None]
@@ -67,7 +67,7 @@ def spring(A, B, h, a, b, T, made):
     # a turn of A about its axes is one of phi's left: its inverse Jacobian is the transpose
     turns = [-of(J, moment), of(np.swapaxes(J, -1, -2), moment)]
     tubes = [0.5 * by_angle[..., 1:] - mz[..., 1:], 0.5 * by_angle[..., 1:] + mz[..., 1:]]
-    return energy, np.concatenate([*turns, by_h[..., None], *tubes, lengths], -1)
+    return energy, np.concatenate([*turns, by_h[..., None], *tubes, lengths * made["runs"]], -1)
 
 
 def differences(gradient, size, *, slopes=True):
@@ -88,10 +88,10 @@ class Graph:
     Args:
         rods: Of each: ``base``, ``tip`` (None where it is free), ``holes``; ``spans`` of one material each: ``length``,
             ``stiffness`` and ``curvature`` (tubes, 3), ``force`` per length (3,), ``shear`` (3,) or None, ``magnet``, magnetic
-            moment per length in a ``field``, both (3,); ``medium``, its stiffness (3,) or None; ``angles`` (tubes,) of
-            bases, ``behind`` (tubes,): what they are turned with behind the plate [N m/rad], infinite where they begin there;
-            ``lines``: ``offset`` (2,), and ``tension``, or ``length`` and ``compliance``, and if it ``pushes``; ``pull`` (3,) on
-            a free tip.
+            moment per length in a ``field``, both (3,), ``moment`` per length (3,) where there are no holes, ``without_lines``
+            where these have ended; ``medium``, its stiffness (3,) or None; ``angles`` (tubes,) of bases, ``behind`` (tubes,):
+            what they are turned with behind the plate [N m/rad], infinite where they begin there; ``lines``: ``offset`` (2,),
+            and ``tension``, or ``length`` and ``compliance``, and if it ``pushes``; ``pull`` (3,) on a free tip.
             A joint is at ``position``, ``frame`` of ``body`` (-1 the ground), turns about ``axes`` (count, 3) and slides along
             ``slide`` (3,) or does not, None; of its coordinates, ``springs``, ``rest`` and ``push`` (count,). A hole also is
             ``at`` about where, with a ``spring`` that is fixed to ``rest``.
@@ -142,6 +142,7 @@ class Graph:
             name: np.stack([np.broadcast_to(link[2][name], (rows, 3)) for link in every])
             for name, rows in (("stiffness", self.tubes), ("curvature", self.tubes), ("offset", self.lines))
         }
+        self.made["runs"] = np.array([link[2]["runs"] for link in every]).reshape(len(every), self.lines)
         self.share = np.array([link[3] for link in every])
         self.piece = [link[4] for link in every]
         self.tube_at = np.array([link[5] for link in every], dtype=int).reshape(len(every), 2 * (self.tubes - 1))
@@ -459,7 +460,7 @@ class _Part:
 
     def _made(self, span):
         graph, n = self.graph, len(span["stiffness"])
-        made = {"offset": self.offset}
+        made = {"offset": self.offset, "runs": np.full(graph.lines, 0.0 if span.get("without_lines") else 1.0)}
         for name in ("stiffness", "curvature"):
             made[name] = np.zeros((graph.tubes, 3))
             made[name][:n] = span[name]
@@ -673,7 +674,10 @@ class _Part:
                     by_h += 0.5 * np.sum(S * off**2)
             by_h += float(np.sum(points * (n - 2 * c)))
             for i, (node, _, _, span) in enumerate(segments):
+                turning = h[i] * turns[i].T @ span.get("moment", np.zeros(3))  # of rods without holes
                 at, m, B = graph.place_of_turn(node[0]), span["magnet"], span["field"]
+                g[at] -= turning
+                H[np.ix_(at, at)] -= hat(turning)
                 total -= h[i] * B @ turns[i] @ m
                 linear(g, H, at, turns[i], -h[i] * B, m)
                 by_h -= B @ turns[i] @ m

@@ -3,7 +3,8 @@
 Rods that are plain, strips, stretch and shear, have sections, tendons, or are tubes; joints of all kinds at random axes, with
 springs, motors and drives; rods that slide through holes of bodies; bodies that are fixed and moved, frames that are pushed;
 loads along all rods and along one. From number ``WITH_FIELDS`` on some rods are magnets in a field, stand in a medium, or have
-chambers and push rods. ``random_networks`` draws less, by other numbers.
+chambers and push rods; from ``WITH_ENDS`` on lines end before the tip, and moments act along single rods. ``random_networks``
+draws less, by other numbers.
 """
 
 from dataclasses import dataclass
@@ -22,10 +23,11 @@ HOLES = {"prismatic": 0, "cylindrical": 1, "spherical": 3}
 MADE = ("plain", "plain", "plain", "strip", "stretches", "sections", "tendons", "tubes")
 RADIUS = 0.005  # of tendons
 WITH_FIELDS = 1000  # the first number of a network with magnets, media, chambers and push rods
+WITH_ENDS = 2000  # the first number of a network with lines that end before the tip, and moments along rods
 AREA = 2e-5  # of a chamber [m^2]
 BY_NAME = (
     *("rotation", "translation", "force", "moment", "follower_force", "follower_moment", "tension", "displacement"),
-    *("pressure", "angle", "slide", "joint_torque", "slide_force", "rod_force"),
+    *("pressure", "angle", "slide", "joint_torque", "slide_force", "rod_force", "rod_moment"),
 )
 
 
@@ -62,10 +64,11 @@ def frame_along(z, rng, off=0.15):
 
 def draw(seed, most_rods=12, most_bodies=4, load=1.0):
     """A network; one in which something is free to move is drawn again."""
-    rng, more = (np.random.default_rng([seed, own]) for own in (17, 29))
+    rng, more, last = (np.random.default_rng([seed, own]) for own in (17, 29, 31))
     while True:
         try:
-            return _Lot(rng, most_rods, most_bodies, load, more if seed >= WITH_FIELDS else None).drawn()
+            more, last = more if seed >= WITH_FIELDS else None, last if seed >= WITH_ENDS else None
+            return _Lot(rng, most_rods, most_bodies, load, more, last).drawn()
         except ValueError as error:
             if "free to move" not in str(error):
                 raise
@@ -74,8 +77,8 @@ def draw(seed, most_rods=12, most_bodies=4, load=1.0):
 class _Lot:
     """One draw."""
 
-    def __init__(self, rng, most_rods, most_bodies, load, more):
-        self.rng, self.load, self.more = rng, load, more
+    def __init__(self, rng, most_rods, most_bodies, load, more, last):
+        self.rng, self.load, self.more, self.last = rng, load, more, last
         count = int(rng.integers(1, most_bodies + 1))
         self.joined = [(int(rng.integers(-1, k)) if k else -1, k) for k in range(count)]
         for _ in range(int(rng.integers(0, most_rods - count + 1))):
@@ -90,13 +93,17 @@ class _Lot:
         self.joints, self.rods, self.numbers, self.cut = [], {}, [], {}
         self.gravity = np.array([0, 0, -9.81]) if self.chance(0.5) else np.zeros(3)
         self.along = rng.normal(0, 0.3 * load * EI / 0.3**3, 3) if self.chance(0.2) else np.zeros(3)
-        self.potential = True
+        self.potential, self.turning = True, self.lastly(0.25)  # whether moments act along rods
         # [T], by which 1 A m takes about as much of a moment per length as EI/L^2
         self.field = 0.5 * load * EI / 0.3**2 * more.normal(0, 1, 3) if self.maybe(0.4) else np.zeros(3)
 
     def maybe(self, share):
         """Whether one more thing is there, as ``chance``."""
         return self.more is not None and bool(self.more.random() < share)
+
+    def lastly(self, share):
+        """The same of what came last."""
+        return self.last is not None and bool(self.last.random() < share)
 
     def chance(self, share):
         return bool(self.rng.random() < share)
@@ -253,6 +260,8 @@ class _Lot:
                 lines = [mr.Tendon(offset=line["offset"]) for line in own["lines"]]
             if self.maybe(0.5):
                 lines = self._chambers_or_rods(own)
+            if self.lastly(0.9) and "displaced" not in own["lines"][0]:
+                lines = self._ended(lines, length, own)
             return lambda **more: mr.Rod(**numbers, **options, lines=lines, **more)
         return lambda **more: mr.Rod(**numbers, **options, **more)
 
@@ -265,6 +274,16 @@ class _Lot:
             return [mr.Chamber(offset=line["offset"], area=AREA) for line in own["lines"]]
         own["lines"][0] |= {"displaced": 2e3, "pushes": True}
         return [mr.PushRod(offset=own["lines"][0]["offset"], axial_stiffness=2e3)]
+
+    def _ended(self, lines, length, own):
+        """The same lines, that end before the tip."""
+        end, (span,) = length * self.last.uniform(0.4, 0.9), own["spans"]
+        own["spans"] = [dict(span, length=end), dict(span, length=length - end, without_lines=True)]
+        ended = []
+        for line, given in zip(lines, own["lines"], strict=True):
+            area = {"area": given["area"]} if "area" in given else {}
+            ended.append(type(line)(offset=given["offset"], end=end, **area))
+        return ended
 
     def _tubes(self, length, own, bent):
         """An inner tube, and one around it that ends before it, as stiff together as a rod, about."""
@@ -393,8 +412,13 @@ class _Lot:
         if self.chance(0.15) and made != "tubes":
             weight = rng.normal(0, 0.5 * self.load * EI / length**3, 3)
             self.inputs["rod_force"][name] = weight
+        turning = np.zeros(3)
+        if self.turning and made != "tubes" and not own["holes"] and self.lastly(0.4):
+            turning = self.last.normal(0, 0.3 * self.load * EI / length**2, 3)
+            self.inputs["rod_moment"][name] = turning
         for span in own["spans"]:
             span["force"] = span["mass"] * self.gravity + self.along + weight
+            span["moment"] = turning
         if not own["lines"]:
             return
         if "displaced" in own["lines"][0]:
@@ -421,7 +445,7 @@ class _Lot:
         mean = np.mean([sum(span["length"] for span in own["spans"]) for own in self.numbers])
         unit = EI / mean**2
         moments, follows = self.chance(0.12), self.chance(0.08)
-        self.potential = not (moments or follows)
+        self.potential = not (moments or follows or self.inputs["rod_moment"])
         self.own = []
         for k, (mass, centre) in enumerate(self.mass):
             force = rng.normal(0, self.load * unit, 3)
