@@ -21,6 +21,7 @@ BRANCH_STEPS = 80
 ASIDE = 0.05  # how far from a bifurcation the crossing branch is met
 ROUNDED = 2e-16  # of unknowns and load factor: their last digit
 AT_KINK = 1e-3  # of the inverse length, that an unknown may be from a kink where steps became that short
+BENT = 1e-5  # of a step, by which it bends at least where that is not rounding, which a mode that vanishes amplifies
 AHEAD = 1e-5  # along the branch, by which slopes of eigenvalues are told
 
 
@@ -147,10 +148,10 @@ class Branch:
         Raises:
             BranchLost: If the branch cannot be followed further.
         """
-        point, length = first, FIRST_STEP
-        taken = 0
+        point, length, bend = first, FIRST_STEP, np.zeros_like(first.place)
+        taken, guarded = 0, self.inspected and self._cuts > 0
         while taken < max_steps:
-            step, contraction = self._try(point, length)
+            step, contraction = self._try(point, length, bend)
             if step is None:
                 length /= 2
                 if length < SMALLEST_STEP:
@@ -160,8 +161,11 @@ class Branch:
                 continue
             yield step
             point, taken = step.after, taken + 1
+            if guarded:
+                bend = _bend(step)
             longest = 1 + self.growth * float(np.abs(point.place[-1]))
-            length = min(longest, length * float(np.clip(0.5 * CONTRACTION / max(contraction, 1e-6), 0.5, 2.0)))
+            longer = (0.5 * CONTRACTION / max(contraction, 1e-6)) ** (1 / 3 if guarded else 1.0)
+            length = min(longest, length * float(np.clip(longer, 0.5, 2.0)))
         raise BranchLost(f"{max_steps} steps led to a load factor of {self.factor(point):.6g} only")
 
     def _end(self, point: Point) -> str:
@@ -186,9 +190,12 @@ class Branch:
         self._evaluate(point.place + AHEAD * point.tangent)
         return (heights(self._modes(), numbers) - heights(point.modes, numbers)) / AHEAD
 
-    def _try(self, point: Point, length: float) -> tuple[Step | None, float]:
-        """One step further, if it surely is on the same branch, and Newton's contraction."""
-        found, contraction = self._correct(point.place + length * point.tangent, point.tangent, CONTRACTION)
+    def _try(self, point: Point, length: float, bend: FloatArray) -> tuple[Step | None, float]:
+        """One step further on a branch that bends so, if it surely is on the same branch, and Newton's contraction."""
+        expected = point.place + length * point.tangent
+        if 0.5 * length * np.linalg.norm(bend) > BENT:
+            expected += 0.5 * length**2 * bend
+        found, contraction = self._correct(expected, point.tangent, CONTRACTION)
         self._why = LOST
         if found is None:
             return None, contraction
@@ -247,3 +254,10 @@ class Branch:
     def _modes(self) -> Modes:
         """Those where it stands."""
         return self.equations.modes()
+
+
+def _bend(step: Step) -> FloatArray:
+    """How the tangent turned in a step, per length, across the one at its end: by which the next step begins off its tangent."""
+    after = step.after.tangent
+    turned = (after - step.before.tangent) / np.linalg.norm(step.after.place - step.before.place)
+    return np.asarray(turned - (turned @ after) * after)
