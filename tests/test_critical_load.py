@@ -443,3 +443,11 @@ def test_a_line_that_becomes_slack_is_said_where_the_branch_has_a_kink():
     assert beyond.slack.tolist() == [True, False]
     assert beyond.stability is mr.Stability.STABLE
     assert len(mr.critical_loads(robot, pushed(1.0), start=pushed(0.55), up_to=0.5)) == 0
+
+
+def test_a_rod_that_is_pulled_is_followed_in_few_steps():
+    """(15b): along tangents alone, 500 steps led to a load factor of 90."""
+    robot = mr.SingleRod(mr.Rod(length=1.0, bending_stiffness=(1.0, 1.5), torsional_stiffness=0.8, precurvature=(0, 3, 0)))
+    found = mr.critical_loads(robot, robot.inputs(tip_force=(0, 1, 1)), up_to=95.0, max_steps=300)
+    assert len(found) == 0
+    assert found.reached == 95.0

@@ -911,6 +911,23 @@ def test_a_search_that_fails_says_what_its_start_was():
     assert "it began" not in str(said.value)
 
 
+def test_a_search_that_ends_unstable_says_whether_it_is_at_the_target():
+    """A wire with three tendons, level and with a weight at its tip, and targets out of its reach: some searches end unstable."""
+    offsets = 6e-3 * np.stack([np.cos([0, 2, 4]), np.sin([0, 2, 4])], axis=-1)
+    tendons = [mr.Tendon(offset=xy) for xy in offsets]
+    wire = mr.Rod.wire(length=0.2, diameter=1e-3, young_modulus=60e9, poisson_ratio=0.3, lines=tendons)
+    robot = mr.SingleRod(wire, base=mr.Pose(position=(0, 0, 0), rotation=[(0, 0, 1), (0, -1, 0), (1, 0, 0)]))
+    y, z = np.meshgrid(np.linspace(0.02, 0.08, 4), np.linspace(-0.1, -0.04, 4))
+    far = mr.Pose(position=np.stack([np.full(16, 0.15), y.ravel(), z.ravel()], axis=-1))
+    start = robot.inputs(tension=1.0, tip_force=(0, 0, -0.5))
+    found = mr.reach(robot, far, start, free="tension", limits=mr.Limits(tension=(0, 15)))
+    unstable = np.flatnonzero(found.status == mr.Status.UNSTABLE)
+    assert len(unstable) > 0
+    for own in (found[k] for k in unstable):
+        with pytest.raises(mr.SolveError, match=f"{1e3 * own.target_error:.3g} mm off the target, which may be out of reach"):
+            own.raise_if_failed()
+
+
 @pytest.mark.parametrize("name", ["magnetic_field", "gravity"])
 def test_what_acts_on_nothing_is_not_chosen(name):
     rod = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.006, torsional_stiffness=0.0046))

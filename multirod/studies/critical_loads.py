@@ -137,7 +137,7 @@ def critical_loads(
         guess: Of the equilibrium at ``start``, as for ``solve``: where there are several, such as of a rod that is bent closed;
             one for all instances of a batch, or one for each.
         count: How many changes of stability to look for, along the branch.
-        up_to: Load factor where the search ends.
+        up_to: Load factor where the search ends, with an empty list where nothing changes before.
         max_steps: Steps along the branch.
         solver: ``Shooting(tolerance=4e-11 / L, integrator=RK45(steps=150), max_integrations=50_000)`` by default, ``L`` the
             length of the longest rod: of it the tolerance and the integrator are used, the latter in double precision; to find

@@ -257,7 +257,7 @@ class Branch:
 
 
 def _bend(step: Step) -> FloatArray:
-    """How the tangent turned in a step, per length, across the one at its end: by which the next step begins off its tangent."""
+    """(15b) of ``docs/stability.md``: how the tangent turned in a step, per length, across the one at its end."""
     after = step.after.tangent
     turned = (after - step.before.tangent) / np.linalg.norm(step.after.place - step.before.place)
     return np.asarray(turned - (turned @ after) * after)

@@ -328,7 +328,8 @@ class Journey(Walk):
         """The energy lost [J] and how the tip moved [m]: from the critical point to where the branch that was come to is at the
         same load; where it does not lead back there, from beyond it."""
         found, _ = yield from self._correct(rest.unknowns, critical.level, neutral)
-        same = found is not None and alike(found.gamma, rest.gamma, neutral)
+        # what is neutral at this load alone, as one that turns a magnet over, tells nothing of it
+        same = found is not None and alike(found.gamma, rest.gamma, max(neutral, min(found.nearly_neutral, 1)))
         found, left = (found, critical) if same else (rest, beyond)
         return (yield from self._down(left, found)), found.position - critical.position
 

@@ -24,6 +24,8 @@ from multirod.tasks.rows import Pose
 from multirod.types import Index
 from multirod.validation import FloatArray, frozen
 
+AT_TARGET = 1e-6  # of the longest rod, by which a search that ended unstable may be off
+
 
 @dataclass
 class Chosen:
@@ -244,8 +246,11 @@ class Reached(Solution[Robot_co]):
         return said
 
     def _named(self, status: Status, instance: int) -> str:
-        """Also what there is to know of where it began."""
+        """Also whether it is off the target, and what there is to know of where it began."""
         said = super()._named(status, instance)
+        missed = float(np.ravel(self.target_error)[instance])
+        if status is Status.UNSTABLE and missed > AT_TARGET * self.robot.longest:
+            said += f"; and it is {1e3 * missed:.3g} mm off the target, which may be out of reach: with starts= others are tried"
         if self._start is None or (began := self._start.status(instance)).failed:
             return said
         if began.event:
