@@ -339,7 +339,7 @@ class Journey(Walk):
         return before - (yield from self._weigh(found.unknowns, found.level))
 
     def _kind(self, critical: Point, beyond: Point, landed: Point, rest: Point, first: FloatArray) -> Run:
-        """(6), (23), (26) Whether a point that was come to, ``rest`` without clamps, is on a branch that leaves the critical
+        """(6), (23), (27) Whether a point that was come to, ``rest`` without clamps, is on a branch that leaves the critical
         point, or elsewhere; None where it is on the same branch."""
         turn = turn_between(critical.frames, landed.frames)
         if held(beyond.slope) and turn < 2 * MERGED:
