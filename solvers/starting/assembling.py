@@ -50,10 +50,10 @@ def assemble(
     """Put the instances ``lost`` together without loads, then raise these: ``CONVERGED`` unless what that leads to is unstable.
 
     Steps pass the tests of every branch (``Paths``), ``PATIENCE`` times ``max_steps`` at most for the joints and as many for the
-    loads. What is not found is left as it is, but for why, where it goes down
-    in energy to where no state is. ``go_on`` leads on from where a branch ends as loads are raised, or if so asked as
-    joints are closed, and says so in the outcome that it is given; the load factor of what happens while joints are closed is 0.
-    How joints close is put into ``closed``; from where that ended, what is ``closing`` goes on.
+    loads. What is not found is left as it is, but for why, where it goes down in energy to where no state is. ``go_on`` leads
+    on from where a branch ends as loads are raised, or if so asked as joints are closed, and says so in the outcome that it is
+    given; the load factor of what happens while joints are closed is 0. How joints close is put into ``closed``; from where that
+    ended, what is ``closing`` goes on.
 
     Returns:
         Whose branch ended as loads were raised, (instance_count,).

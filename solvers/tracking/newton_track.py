@@ -261,12 +261,11 @@ class NewtonTrack(Track):
 
     def _continue(self, doubtful: BoolArray, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
-        paths, last = (
-            Paths(self.problem, self.newton, self.options.max_continuation_steps),
-            (self.last.copy(), self.newton.reference()),
-        )
+        paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
+        last = self.last.copy(), self.newton.reference()
         ways = Ways(paths, self.newton, before, last[0], self.options.max_integrations)
-        if (kinked := doubtful & at_kinks(self.problem, last[0])).any():  # where a path would end in ever shorter steps
+        kinked = doubtful & at_kinks(self.problem, last[0])
+        if kinked.any():  # where a path would end in ever shorter steps
             doubtful = doubtful & ~found_let_out(self.problem, ways, outcome, kinked)
             if not doubtful.any():
                 return
