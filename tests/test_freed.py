@@ -103,7 +103,7 @@ def test_limits_by_name(robot, start, aimed):
     [
         ({"translation": ["rod 9"]}, {}, ValueError, r"free\['translation'\] = 'rod 9' .* must be one of .*'rod 2'"),
         ({"translation": []}, {}, ValueError, "must be names, each once"),
-        ({"gravity": ["rod 0"]}, {}, ValueError, "the robot takes this input by no names"),
+        ({"distributed_force": ["rod 0"]}, {}, ValueError, "the robot takes this input by no names"),
         ({"pull": None}, {}, TypeError, "takes no 'pull'"),
         ("translation", {"rod 9": (0, 1)}, ValueError, r"Limits.translation = 'rod 9' .* one of 'rod 0', 'rod 1', 'rod 2'"),
         ("translation", {"backbone 1": (0, 1e-3)}, ValueError, "must be one of 'rod 0', 'rod 1', 'rod 2'"),
