@@ -452,33 +452,30 @@ def test_forces_on_a_platform_that_is_held_are_estimated_sample_by_sample():
         assert sample.status is (mr.Status.TRACKING if k else mr.Status.CONVERGED)
 
 
-def test_a_sample_seen_in_two_pictures(make, wandering):
-    """Along x and y, each position with another depth: as without the coordinate along the direction."""
+def as_numbers_alone(make, wandering, sight, counts):
+    """A loop by two positions, seen ``across`` or ``along`` x and y, of which all but what ``counts`` is noise: it is checked
+    to estimate as one without the numbers that do not count."""
     directions, random = np.eye(3)[:2], np.random.default_rng(4)
-    pictures = [mr.Pose(position=(0, 0, 0.4), across=direction, sigma=POSITION) for direction in directions]
-    plain = [mr.Pose(position=(0, 0, 0.4), sigma=POSITION)] * 2
-    by_pictures, by_numbers = make(sensors=pictures), make(sensors=plain)
+    by_sight = make(sensors=[mr.Pose(position=(0, 0, 0.4), **{sight: direction}, sigma=POSITION) for direction in directions])
+    by_numbers = make(sensors=[mr.Pose(position=(0, 0, 0.4), sigma=POSITION)] * 2)
     for position in wandering[1][:20]:
-        sample = by_pictures.step([position + random.normal() * direction for direction in directions])
-        other = by_numbers.step([np.where(direction == 0, position, np.nan) for direction in directions])
+        sample = by_sight.step([np.where(counts(direction), position, position + random.normal()) for direction in directions])
+        other = by_numbers.step([np.where(counts(direction), position, np.nan) for direction in directions])
         assert "without" not in str(sample)
         np.testing.assert_allclose(sample.value("tip_force"), other.value("tip_force"), atol=1e-9)
         np.testing.assert_allclose(sample.covariance(), other.covariance(), atol=1e-12)
+    return by_sight
+
+
+def test_a_sample_seen_in_two_pictures(make, wandering):
+    """Along x and y, each position with another depth: as without the coordinate along the direction."""
+    by_pictures = as_numbers_alone(make, wandering, "across", lambda direction: direction == 0)
     blind = by_pictures.step([None, (0.0, np.nan, 0.0)])
     assert "without sensor 0, sensor 1" in str(blind)
 
 
 def test_a_sample_of_one_coordinate_each(make, wandering):
-    directions, random = np.eye(3)[:2], np.random.default_rng(4)
-    gauges = [mr.Pose(position=(0, 0, 0.4), along=direction, sigma=POSITION) for direction in directions]
-    plain = [mr.Pose(position=(0, 0, 0.4), sigma=POSITION)] * 2
-    by_gauges, by_numbers = make(sensors=gauges), make(sensors=plain)
-    for position in wandering[1][:20]:
-        sample = by_gauges.step([position + random.normal() * (1 - direction) for direction in directions])
-        other = by_numbers.step([np.where(direction == 1, position, np.nan) for direction in directions])
-        assert "without" not in str(sample)
-        np.testing.assert_allclose(sample.value("tip_force"), other.value("tip_force"), atol=1e-9)
-        np.testing.assert_allclose(sample.covariance(), other.covariance(), atol=1e-12)
+    as_numbers_alone(make, wandering, "along", lambda direction: direction == 1)
 
 
 def test_what_moves_twice_as_fast_leaves_four_times_the_error():

@@ -214,7 +214,8 @@ class Walk:
         if origin is not None:
             first = max(first, STIFFER * (start.level - origin.level))
         ways = first, self.safe_step, self.most_step, self.max_steps
-        count, aside = max(neutral, self.hardly), self.hardly > neutral
+        aside = self.hardly > neutral
+        count = max(neutral, self.hardly)
         return (yield from self._ask(Trace(start, count, self.tolerance, self._left, *ways, origin, aside, self.loud))).point
 
     def _let_down(self, point: Point) -> Run:
