@@ -10,6 +10,7 @@ import numpy as np
 
 AXIS = np.array([0.0, 0.0, 1.0])
 STEP = 1e-5  # of differences of gradients: rounding over it is 1e-11
+NEUTRAL = 1e-10  # eigenvalues, of the energy's unit, that cannot be told from nothing: what symmetry leaves free is some 1e-12
 
 
 def hat(v):
@@ -66,14 +67,14 @@ def turned(count, axes, angles):
 
 
 def damped_newton(model, state, scale, unit, steps, tolerance):
-    """An equilibrium of a model near a state by Newton's method, damped; None if there is none. And its unstable modes, and how
-    far the next is. What counts as one in each variable is ``scale``, in the energy ``unit``."""
+    """An equilibrium of a model near a state by Newton's method, damped; None if there is none. And its unstable modes, without
+    neutral ones, and how far the next is. What counts as one in each variable is ``scale``, in the energy ``unit``."""
     g, H = model.system(state)
     for _ in range(steps):
         size = np.linalg.norm(g * scale)
         if size < tolerance * unit:
             values = np.linalg.eigvalsh(scale[:, None] * (H + H.T) / 2 * scale / unit)
-            return state, int((values < 0).sum()) - (model.size - model.free), float(np.abs(values).min())
+            return state, int((values < -NEUTRAL).sum()) - (model.size - model.free), float(np.abs(values).min())
         try:
             step = -scale * np.linalg.solve(scale[:, None] * H * scale, scale * g)
         except np.linalg.LinAlgError:
