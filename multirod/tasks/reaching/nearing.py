@@ -68,9 +68,9 @@ class Nearing:
         left = r + (J @ change[..., None])[..., 0]
         return change, 1.0 - np.linalg.norm(left, axis=1) / np.maximum(np.linalg.norm(r, axis=1), 1e-300)
 
-    def of(self, rows: IntArray) -> tuple[BoolArray, BoolArray]:
-        """Which of some instances came nearer from ``search.last``, to ``search.here``, at equilibria; and at which nothing comes
-        nearer then, shapes (c,)."""
+    def of(self, rows: IntArray, *, stable: bool = False) -> tuple[BoolArray, BoolArray]:
+        """Which of some instances came nearer from ``search.last``, to ``search.here``, at equilibria, or ``stable`` ones alone;
+        and at which nothing comes nearer then, shapes (c,)."""
         search, unit = self._search, self._goals.unit
         at, nearer, rests = Place(search.last.x[rows], search.last.p[rows]), *np.zeros((2, len(rows)), dtype=bool)
         chosen = np.zeros(len(search.status), dtype=bool)
@@ -100,6 +100,9 @@ class Nearing:
             there &= np.linalg.norm(search.errors[own], axis=1) <= (1 - 0.1 * worth) * np.linalg.norm(kept, axis=1)
             found = self._told(own[there], search.task.last(own[there]))
             same = found.sign == told.sign[go[there]]
+            if stable:
+                search.last.put(own[there], search.here)
+                same[same] = ~search.unstable(own[there][same])
             there[there] = same
             missed, came = go[~there], go[there]
             search.errors[own[~there]] = kept[~there]
@@ -125,7 +128,8 @@ def neared(search: Search, begun: BoolArray) -> None:
     """Bring what is ``AT_LIMIT`` nearer to its target, where its steps had not come to rest and no limit hinders it, and what no
     way led to its target, of those that have ``begun``: from where it ended, then from where it began.
 
-    What ends within the limits, and not at its target, is ``UNREACHABLE``; what is not stable there stays where it was.
+    What ends within the limits, and not at its target, is ``UNREACHABLE``; what is not stable there stays where it was. What the
+    search left unstable, and not at its target, is brought as near as stable equilibria lead from where it began.
     """
     if search.goals.of_shape is not None:  # the way there is not looked at
         return
@@ -134,6 +138,23 @@ def neared(search: Search, begun: BoolArray) -> None:
     _bring(search, np.union1d(np.flatnonzero(search.status == AT_LIMIT), lost), search.last.copy())
     away = np.isin(search.status[lost], LOST) & (search.last.p[lost] != search.origin[lost]).any(axis=1)
     _bring(search, lost[away], Place(search.origin_unknowns, search.origin))
+    _back(search, np.flatnonzero((search.status == Status.UNSTABLE) & begun & ~search.met))
+
+
+def _back(search: Search, rows: IntArray) -> None:
+    """From where some instances began, if they are stable there, by what is stable alone."""
+    before = search.last.copy()
+    search.last.put(rows, Place(search.origin_unknowns, search.origin))
+    sound = ~search.unstable(rows)
+    search.last.put(rows[~sound], before)
+    rows = rows[sound]
+    if not len(rows):
+        return
+    _, rests = Nearing(search).of(rows, stable=True)
+    search.last.put(rows, search.here)
+    there = np.linalg.norm(search.errors[rows], axis=1) <= search.goals.tolerance
+    held = search.goals.limits.near(search.last.p[rows], search.goals.unit).any(axis=1)
+    search.status[rows] = np.where(there, REACHED, np.where(held & rests, AT_LIMIT, Status.UNREACHABLE))
 
 
 def _bring(search: Search, rows: IntArray, start: Place) -> None:

@@ -55,6 +55,7 @@ class Search:
         errors: Of the target's rows at ``last`` [1/m], shape (b, m).
         past: What is free where the target was met at an equilibrium that is not stable, past a fold, NaN where it was not, shape
             (b, k).
+        met: Whether one of these is all that is known of a target: it was found where the robot is not stable, (b,).
     """
 
     def __init__(self, task: Task, goals: Goals, x: FloatArray, p: FloatArray) -> None:
@@ -69,6 +70,7 @@ class Search:
         self._values = values = self._arrays.values
         self.origin, self.origin_unknowns = p, x
         self.past = np.full(p.shape, np.nan)
+        self.met = np.zeros(len(x), dtype=bool)
         self.origin_errors = np.full((len(x), rows.count), np.nan)  # NaN where the start is not known
         if arrays.limits is not limits:
             arrays.limit(limits, _limiting(limits, goals.unit))
@@ -183,6 +185,7 @@ class Search:
         singular = (values[:, -1] <= SINGULAR * values[:, 0]) | (left > MOST_STEPS * RADIUS * values[:, 0])
         self.status[rows] = np.where(singular, Status.SINGULAR_TASK, Status.UNREACHABLE)
         self.status[unstable] = Status.UNSTABLE
+        self.met[unstable] = True
 
     # ---- what is judged ----
 
@@ -265,7 +268,9 @@ class Search:
         self.past[folded], self.past[unstable] = self._fold.p[folded], self.last.p[unstable]
         if unstable.any():
             self.drive(unstable, CAREFUL)
-            self.status[self._not_stable(unstable)] = Status.UNSTABLE
+            unstable = self._not_stable(unstable)
+            self.met |= unstable & (self.status == REACHED)
+            self.status[unstable] = Status.UNSTABLE
         sound = chosen & (self._first_sign != 0)
         self.origin_errors[sound] = self._first_errors[sound]
         missed = chosen & (self.status != REACHED)
