@@ -91,8 +91,8 @@ class Outcome:
         """Whether all instances did, as they mostly do."""
         return bool((self.status == CONVERGED).all())
 
-    def left_of(self, integrations: int) -> IntArray:
-        """What each instance may still take of so many integrations, shape (instance_count,)."""
+    def left_of(self, integrations: int | IntArray) -> IntArray:
+        """What each instance may still take of so many integrations, of all or of each, shape (instance_count,)."""
         return np.maximum(integrations - self.integrations, 0)
 
     def take(self, instances: NDArray[np.intp]) -> "Outcome":

@@ -191,8 +191,8 @@ _MESSAGES = {
     "determines: give them an axial_stiffness, or a torsional_stiffness, or hold what they carry by fewer of them (forces of "
     "those that do not stretch by three, where they stand side by side)",
     Status.LOOSE: "the network is loose, a mechanism: where it stands, bodies move though no rod is bent, and what acts does not "
-    "hold them; or a joint that a torque pushes turns on and on, as nothing stops it: clamp a joint, turn an axis so that not "
-    "all are parallel, give joints a stiffness, or lower joint_torque",
+    "hold them; or what acts turns a joint on and on, or slides it away, as nothing stops it: clamp a joint, turn an axis so "
+    "that not all are parallel, give joints a stiffness, or lower what pushes",
     Status.UNOBSERVABLE: "fewer numbers were measured of this instance than are unknown without a prior: give these a Prior, or "
     "measure more",
     Status.OFF_TARGET: "of a Controller's sample: its command does not bring the end effector to the target, and no limit holds "

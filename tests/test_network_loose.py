@@ -85,7 +85,48 @@ def test_a_torque_that_turns_a_crank_on_and_on_is_said_to():
     inputs = robot.inputs(joint_torque={"post tip": torque}, force={"crank": (0.1, 0.05, -0.1)})
     history = mr.simulate(robot, inputs, time=0.1 * np.arange(3))
     assert [mr.Status(own) for own in history.status] == [mr.Status.BIFURCATED, mr.Status.CONVERGED, mr.Status.LOOSE]
-    assert "turns on and on" in mr.Status.LOOSE.message
+    assert "turns a joint on and on" in mr.Status.LOOSE.message
+    found = mr.solve(robot, robot.inputs(joint_torque={"post tip": 0.04}, force={"crank": (0.1, 0.05, -0.1)}))
+    assert found.status is mr.Status.LOOSE
+    assert found.integrations < 4500  # of which 1500 looked for rest elsewhere
+
+
+def on_two_rails(**spring):
+    """A link between a rail on the ground and one on a plate that a post carries, which are nearly side by side."""
+    plate, rod = mr.Body("plate"), mr.Rod(length=0.3, bending_stiffness=0.05, torsional_stiffness=0.04)
+    rail = {"kind": "prismatic", "pose": at(x=0.1)}
+    joints = [
+        mr.Joint("post", "base", to=mr.ground),
+        mr.Joint("post", "tip", to=plate),
+        mr.Joint("link", "base", to=mr.ground, axis=(1, 0, 0), **rail),
+        mr.Joint("link", "tip", to=plate, axis=(1, 0.2, 0), **rail, **spring),
+    ]
+    return mr.Network(rods={"post": rod, "link": rod}, bodies=[plate], joints=joints)
+
+
+def test_what_slides_away_is_said_to():
+    """The post turns until rails are side by side, which costs no more than that; a link that hardly is pushed does not do so."""
+    robot = on_two_rails()
+
+    def pushed(force):
+        return mr.solve(robot, robot.inputs(slide_force={"link base": force}, force={"plate": (0, 0.3, -0.2)}))
+
+    assert pushed(0.01).status is mr.Status.CONVERGED
+    found = pushed(1.0)
+    assert found.status is mr.Status.LOOSE
+    assert "slides it away" in found.status.message
+    assert found.integrations < 2500
+    moment = {"plate": (0, 0.001, 0.002)}  # which has no potential
+    turned = mr.solve(robot, robot.inputs(slide_force={"link base": 1.0}, force={"plate": (0, 0.3, -0.2)}, moment=moment))
+    assert turned.status is mr.Status.LOOSE
+
+
+def test_what_slides_far_on_a_soft_spring_comes_to_rest():
+    robot = on_two_rails(stiffness=0.2)
+    rests = mr.solve(robot, robot.inputs(slide_force={"link base": 1.0}, force={"plate": (0, 0.3, -0.2)}))
+    assert rests.status is mr.Status.CONVERGED
+    assert rests.stability is mr.Stability.STABLE
+    assert float(rests.joint_slide("link tip")) == pytest.approx(1.0 / 0.2, rel=0.01)  # the push over the stiffness, nearly
 
 
 def test_what_turns_on_and_on_is_told_from_what_is_wound_up():
@@ -106,3 +147,20 @@ def test_what_turns_on_and_on_is_told_from_what_is_wound_up():
     assert turns_until_told(0.003) == pytest.approx(1.013, abs=0.017)
     assert turns_until_told(0.02) is None
     assert _Rounds(np.zeros((1, 0)), np.zeros((1, 4))).times == 1
+
+
+def test_what_slides_away_is_told_from_what_changes_as_it_does():
+    """(28) of docs/branches.md: the first unknown slides, and what others tell is the last."""
+
+    def slides_until_told(rise, way=1.0):
+        def place(t):
+            return np.array([[way * t, rise * t, 0.0, 5 * t]])
+
+        rounds = _Rounds(np.array([[-3.0, np.inf, np.inf, 0.0]]), place(0))
+        steps = np.arange(0.0, 6, 0.1)
+        told = [t for last, t in pairwise(steps) if rounds.passes(np.array([0]), place(last), place(t))[0]]
+        return told[0] if told else None
+
+    assert slides_until_told(0.0) == pytest.approx(3.05, abs=0.06)
+    assert slides_until_told(0.05, way=-1.0) == pytest.approx(3.05, abs=0.06)
+    assert slides_until_told(0.2) is None  # what holds it may grow with that

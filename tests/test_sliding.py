@@ -256,14 +256,17 @@ def test_a_rod_that_is_pulled_out_as_a_network_snaps_is_said_to_be():
             joints.append(mr.Joint(name, "tip", to=shuttle, pose=pose(inward)))
         return mr.Network(rods={"left": half, "right": half, "guide": guide}, bodies=[shuttle], joints=joints)
 
-    def statuses(above):
+    def statuses(above, **more):
         robot, pushes = arch(above), np.zeros((9, 3))
         pushes[:, 2] = np.linspace(0, 2, 9)
-        history = mr.simulate(robot, robot.inputs(force={"shuttle": pushes, "guide": (0.05, 0.03, 0)}), time=0.1 * np.arange(9))
-        return [mr.Status(own).name for own in history.status]
+        given = robot.inputs(force={"shuttle": pushes, "guide": (0.05, 0.03, 0)}, **more)
+        return [mr.Status(own).name for own in mr.simulate(robot, given, time=0.1 * np.arange(9)).status]
 
     assert statuses(0.04) == ["CONVERGED"] * 5 + ["OUT_OF_HOLE"] * 4
     assert statuses(0.1) == ["CONVERGED"] * 5 + ["SNAPPED"] + ["CONVERGED"] * 3
+    moment = {"shuttle": (0, 1e-4, 0)}  # which has no potential: damped dynamics say the same
+    assert statuses(0.04, moment=moment) == ["CONVERGED"] * 5 + ["OUT_OF_HOLE"] * 4
+    assert statuses(0.1, moment=moment) == ["CONVERGED"] * 5 + ["DAMPED"] + ["CONVERGED"] * 3
 
 
 def test_a_rod_through_holes_is_saved_and_drawn_whole(tmp_path):

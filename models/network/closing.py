@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 CLOSED = 1e-4  # of a length, that a gap is closed to
 REGULAR = 1e-8  # least singular value of a network that is not singular, of the largest
+AWAY = 1.5  # of the length of all rods together, by which what slides that no spring holds has slid away
 GAP_LOAD = 12.0  # EI/L^3: what a rod resists with where its tip is moved across
 ARRAYS = ("opening", "soft", "shift", "loading")
 BESIDE = ("fault", "step_count", "residual_directions", "pose_columns")  # what an integration writes beside the records
@@ -177,18 +178,23 @@ class Loaded(BoundaryProblem):
 
     @property
     def periods(self) -> FloatArray | None:
-        """(47) As of ``BoundaryProblem``, of joints that torques turn and no spring."""
+        """(47), (48) As of ``BoundaryProblem``, of joints that torques turn, or that slide, and no spring holds."""
         problem = cast("NetworkProblem", self)
-        torques = problem._slices.get("joint_torque")
-        if torques is None or not problem.read("inputs")[:, torques].any():
+        torques, ends = problem._slices.get("joint_torque"), problem.graph.ends
+        pushed = torques is not None and bool(problem.read("inputs")[:, torques].any())
+        slides = any((end.table.slides & (end.table.stiffness == 0) & ~end.table.driven[:, None]).any() for end in ends)
+        if not pushed and not slides:
             return None
         result = np.full((problem.instance_count, problem.unknown_count), np.inf)
-        result[:, problem.first_pose :].reshape(problem.instance_count, -1, POSE)[..., 3:] = 0.0
-        for end, at in zip(problem.graph.ends, problem.layout.angles_at, strict=True):
+        result[:, problem.first_pose :] = 0.0
+        length = problem.length
+        away = -AWAY * length[:, : problem.rod_count].sum(axis=1, keepdims=True) / length**2
+        for end, at in zip(ends, problem.layout.angles_at, strict=True):
             table, places = end.table, problem.places[:, at]
             balls = np.broadcast_to(table.count[:, None] == MOST, places.shape)
-            turns = ~balls & (table.stiffness == 0) & ~table.slides
-            for some, value in ((balls, np.zeros(1)), (turns, 2 * np.pi / problem.length)):
+            free = ~balls & (table.stiffness == 0)
+            turning = 2 * np.pi / length if pushed else np.full(1, np.inf)
+            for some, value in ((balls, np.zeros(1)), (free & ~table.slides, turning), (free & table.slides, away)):
                 rods, which = np.nonzero(some & (places >= 0))
                 result[:, places[rods, which]] = np.broadcast_to(value, problem.length.shape)[:, rods]
         return result

@@ -178,7 +178,8 @@ class Offers(Buffers):
     @property
     def periods(self) -> FloatArray | None:
         """By how much unknowns change as a joint turns around once, if nothing holds it, shape (instance_count, n): infinite of
-        what is no such angle, 0 of what others tell. None where nothing drives a joint on and on, as by default."""
+        what is no such angle, 0 of what others tell; of what slides and nothing holds, minus what it changes by until it has slid
+        away. None where nothing drives a joint on and on, as by default."""
         return None
 
     @property

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from multirod.batch import IntArray
 from multirod.budget import Spent
-from multirod.integrators import RK45
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
 from multirod.solvers.continuation.pace import MOST_STEPS
 from multirod.solvers.continuation.paths import SAFE_LOAD, SINGULAR, TURN
-from multirod.solvers.energy_descent import EnergyDescent, EnergyDescentTrack
 from multirod.solvers.following.descent import Point, Points
-from multirod.solvers.following.downhill import descend
+from multirod.solvers.following.downhill import descend, settle
 from multirod.solvers.following.journey import Journey
 from multirod.solvers.following.many import correct, trace
 from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Judgement, Request, Run, Settle, Trace, Weigh
@@ -315,32 +313,15 @@ class _Together:
             self._pieces[clamping] = places, turns
         return places, turns
 
-    def _settle(self, asked: dict[int, Settle]) -> dict[int, tuple[FloatArray | None, int]]:
+    def _settle(self, asked: dict[int, Settle]) -> dict[int, tuple[FloatArray | None, int, Status]]:
         """Where damped dynamics rest."""
-        part, count = self.part, self.part.instance_count
-        method = EnergyDescent(integrator=RK45(), feed_forward=False)
-        if method.unsupported(part):
-            return dict.fromkeys(asked, (None, 0))
         most = max(request.most for request in asked.values())
         asked = {k: request for k, request in asked.items() if request.most == most}  # the others come next
-        chosen, guess, level = np.zeros(count, dtype=bool), part.read("unknowns"), np.ones(count)
         for k, request in asked.items():
-            chosen[k], guess[k], level[k] = True, request.unknowns, request.level
             self.levels[k] = request.level
-        track = EnergyDescentTrack(method, part, corrected=False)
-        with self._placed(part):
-            outcome = track.settle(
-                tolerance=None,
-                max_iterations=most,
-                ramp=1,
-                guess=guess,
-                level=1.0 if self.before is not None else level,
-                chosen=chosen,
-                most_steps=np.minimum(SETTLING_STEPS * len(part.blocks), self._most_steps - self._steps),
-            )
-        found, rest = part.read("unknowns"), ~failures(outcome.status)
-        self._steps += track.integrator_steps
-        return {k: (found[k] if rest[k] else None, int(outcome.integrations[k])) for k in asked}
+        steps = np.minimum(SETTLING_STEPS * len(self.part.blocks), self._most_steps - self._steps)
+        with self._placed(self.part):
+            return settle(self.part, asked, self._periods, self._steps, steps, raised=self.before is None)
 
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:
         with self._standing(asked) as stability:

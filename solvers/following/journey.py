@@ -129,7 +129,8 @@ class Journey(Walk):
                 most = min(SETTLING, self.allowed - self.integrations)
                 if most <= 0:
                     raise Spent
-                found, taken = yield Settle(point.unknowns, level, most)
+                found, taken, edge = yield Settle(point.unknowns, level, most)
+                self.edge = edge if self.edge is Status.NOT_RUN else self.edge  # as soon as the branch has ended
                 self._count(taken)
                 self.iterations += taken
                 if found is not None:
@@ -138,7 +139,7 @@ class Journey(Walk):
                     break
             if landed is None:
                 return
-            self.quiet, self.begun = Status.DAMPED, landed
+            self.quiet, self.begun, self.edge = Status.DAMPED, landed, Status.NOT_RUN
             point = yield from self._along(landed, 0)
             farthest = 4 * longer if point.level == landed.level else 0.0
 

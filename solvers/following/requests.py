@@ -66,7 +66,7 @@ class Clamp:
 class Settle:
     """A request to let damped dynamics go from unknowns, shape (n,), at a level until they rest, by so many integrations at most.
 
-    The answer is the unknowns, None where they do not rest, and how many it took.
+    The answer is the unknowns, None where they do not rest, how many it took, and why there is nothing, as ``Answer.edge``.
     """
 
     unknowns: FloatArray

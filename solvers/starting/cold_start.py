@@ -35,8 +35,9 @@ if TYPE_CHECKING:
 WITHOUT_REASON = (Status.STALLED, Status.BRANCH_END, Status.SINGULAR_JACOBIAN, Status.INTEGRATION_LIMIT, Status.MAX_ITERATIONS)
 MANY = 32  # integrations on a natural branch: what goes round where two modes vanish takes 44 to 95
 LARGEST = 700.0  # exponent of a number
+TURNING = 1500  # integrations in which rest is looked for elsewhere, once going down in energy turned or slid on and on
 # of each instance, beside its outcome, where loads could not be raised further
-KNOWN = ("handed", "tried", "ends", "unbounded", "slack", "eased")
+KNOWN = ("handed", "tried", "ends", "unbounded", "slack", "eased", "most")
 
 
 class ColdStart:
@@ -59,6 +60,7 @@ class ColdStart:
         eased: Which were tried as what twists a little more.
         edges: Where going down in energy leads to no state of those whose branch ended: why, values of ``Status``; ``NOT_RUN`` of
             the others.
+        most: Integrations allowed of each.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class ColdStart:
         self.outcome = Outcome.zeros(count)
         self.handed, self.unbounded, self.slack, self.eased = np.zeros((4, count), dtype=bool)
         self.tried: IntArray = np.full(count, int(Status.NOT_RUN))
-        self.edges = self.tried.copy()
+        self.edges, self.most = self.tried.copy(), np.full(count, options.max_integrations)
         self.ends: FloatArray = np.zeros((count, problem.unknown_count))
 
     def run(self) -> Outcome:
@@ -184,7 +186,7 @@ class ColdStart:
 
     @property
     def _allowed(self) -> IntArray:
-        return self.outcome.left_of(self.options.max_integrations)
+        return self.outcome.left_of(self.most)
 
     @property
     def _multistable(self) -> bool:
@@ -248,9 +250,8 @@ class ColdStart:
     def _begin_anywhere(self) -> None:
         """What inputs hold, from several places where it would rest."""
         if self.options.at_fold != "stop":
-            self._released().begin_scattered(
-                self.lost & np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE, *EDGES))
-            )
+            some = np.isin(self.outcome.status, (*WITHOUT_REASON, Status.NONFINITE, *EDGES))
+            self._released().begin_scattered(self.lost & some)
 
     def _ease(self, some: BoolArray) -> None:
         """What hardly twists, or does not, of ``some``, by what twists a little more; once."""
@@ -295,7 +296,6 @@ class ColdStart:
             open_ = np.zeros_like(ended)
             open_[[place for place, (status, *_) in closed.items() if status.failed]] = True
             assemble(problem, newton, outcome, some & self.lost & open_, steps, further, closed=closed, closing=True)
-            self._note_edges()
             in_pieces("follow")
 
         def from_several_places() -> None:
@@ -306,6 +306,7 @@ class ColdStart:
         for way in (by_closing, from_several_places) if told else (from_several_places, by_closing):
             newton.allow(self._allowed)
             way()
+            self._note_edges()
 
     def _follow_part(self, problem: BoundaryProblem, newton: Newton, outcome: Outcome) -> None:
         """From where a branch ended in a part of all that one solve does, or from an unstable state that it led to."""
@@ -316,12 +317,15 @@ class ColdStart:
 
     def _go_on(self, lost: BoolArray) -> None:
         assert self.outcome.reached is not None  # or no branch ended
-        go_on(self.options, self.problem, self.newton, self.outcome, lost, self.outcome.reached, self.ends, slack=self.slack)
+        own = self.options, self.problem, self.newton, self.outcome
+        go_on(*own, lost, self.outcome.reached, self.ends, left=self._allowed, slack=self.slack)
         self._note_edges()
 
     def _note_edges(self) -> None:
         there = np.isin(self.outcome.status, EDGES)
         self.edges[there] = self.outcome.status[there]
+        few = np.minimum(self.most, self.outcome.integrations + TURNING)
+        self.most = np.where(self.outcome.status == int(Status.LOOSE), few, self.most)
 
     def _hand_over(self) -> None:
         """Let segments go on where shooting crept; where they come to an end, shooting follows the branch to there too."""

@@ -12,11 +12,12 @@ from multirod.rotations import leading_axis
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import signs
 from multirod.solvers.continuation.paths import Paths
+from multirod.solvers.following.requests import EDGES
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.starting.assembling import GoOn, settle
 from multirod.solvers.starting.continua import Curve, beside
 from multirod.stability import Stability, StabilityAnalysis
-from multirod.status import BoolArray, Status, failures
+from multirod.status import NOT_RUN, BoolArray, Status, failures
 from multirod.validation import FloatArray
 
 MOST_STARTS = 2048  # of one search
@@ -206,7 +207,8 @@ def lowest_stable(
             outcome.iterations[places] += found.iterations
             outcome.integrations[places] += found.integrations
             outcome.status[places[found.status == Status.CONVERGED]] = Status.LOWEST_ENERGY
-            outcome.status[places[found.status == Status.INTEGRATION_LIMIT]] = Status.INTEGRATION_LIMIT
+            for said in (Status.INTEGRATION_LIMIT, *EDGES):
+                outcome.status[places[found.status == said]] = said
             problem.keep(part, places)
 
 
@@ -262,8 +264,10 @@ def _search(problem: BoundaryProblem, newton: Newton, *, go_on: GoOn, side: int)
 
 
 def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome, go_on: GoOn) -> list[Catalogue]:
-    """Stable equilibria that each instance comes to rest at; what is counted is added to ``outcome``."""
+    """Stable equilibria that each instance comes to rest at; what is counted is added to ``outcome``, and why there are none,
+    where that is known."""
     assert problem.parts is not None
+    edges = np.full(problem.instance_count, NOT_RUN)
     catalogues = [Catalogue(None) for _ in range(problem.instance_count)]
     allowed, before = newton.allowed(), outcome.integrations.copy()
     needed = np.zeros_like(before)  # by the first round, as much as is to be left for another like it
@@ -293,7 +297,11 @@ def _settled(problem: BoundaryProblem, newton: Newton, outcome: Outcome, go_on: 
         stable = ~failures(counts.status) & ((stability == Stability.STABLE) | turning)
         for row in np.flatnonzero(stable):
             catalogues[rows[row]].add(unknowns[row], gamma[row])
+        why = trial.reasons(counts.status)
+        told = np.isin(why, EDGES)
+        edges[rows[told]] = why[told]
         open_ = open_[[not catalogues[i].unknowns for i in open_]]
+    outcome.status[:] = np.where([edges[k] and not own.unknowns for k, own in enumerate(catalogues)], edges, outcome.status)
     return catalogues
 
 

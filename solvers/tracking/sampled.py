@@ -1,6 +1,7 @@
 """What solvers that take exactly one integration a sample have in common."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -100,6 +101,7 @@ class SampledTrack(Track):
         level: FloatArray | float = 1.0,
         chosen: BoolArray | None = None,
         most_steps: IntArray | None = None,
+        ends: Callable[[int], IntArray] | None = None,
     ) -> Outcome:
         """Take samples at fixed inputs until the residual is within ``tolerance``.
 
@@ -115,6 +117,8 @@ class SampledTrack(Track):
             chosen: Which instances do, shape (instance_count,); all by default. The status of the others stays ``NOT_RUN``.
             most_steps: Of the integrator, that each may take in all, shape (instance_count,): ``INTEGRATION_LIMIT`` ends what has
                 taken them. ``integrator_steps`` says how many it took.
+            ends: Asked after each sample, by its number, for statuses with which instances end there, ``NOT_RUN`` of the others,
+                shape (instance_count,).
         """
         problem, count = self.problem, self.problem.instance_count
         if guess is not None:
@@ -143,6 +147,8 @@ class SampledTrack(Track):
                 self.integrator_steps[active] += problem.buffer("step_count")[active]
                 over = active & (outcome.status == Status.NOT_RUN) & (self.integrator_steps > most_steps)
                 outcome.status[over] = Status.INTEGRATION_LIMIT
+            if ends is not None:
+                outcome.status[:] = np.where(active & (outcome.status == Status.NOT_RUN), ends(iteration), outcome.status)
             if guess is None:
                 gamma = problem.read("gamma").reshape(count, problem.unknown_count, -1)
                 if before is not None:
