@@ -151,7 +151,7 @@ def test_what_a_study_may_take_is_spent_by_all_that_integrates(wire: mr.SingleRo
 
 def test_damped_dynamics_take_their_part_of_the_steps_of_a_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """They were counted as one integration, however many they took."""
-    from multirod.solvers.following import follow
+    from multirod.solvers.following.serving import together
 
     robot = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=(0.04, 0.02), torsional_stiffness=0.015))
     inputs = robot.inputs(tip_force=(0, 0, -1.5 * np.pi**2 / 4 * 0.02 / 0.5**2), tip_moment=(0, 0, 4e-8))
@@ -159,7 +159,7 @@ def test_damped_dynamics_take_their_part_of_the_steps_of_a_way(monkeypatch: pyte
     whole = mr.solve(robot, inputs, solver=solver)
     assert whole.status is mr.Status.DAMPED
     assert whole.integrations > 140
-    monkeypatch.setattr(follow, "MOST_STEPS", 50 * 90)  # ninety integrations, of the 98 that the way takes
+    monkeypatch.setattr(together, "MOST_STEPS", 50 * 90)  # ninety integrations, of the 98 that the way takes
     part = mr.solve(robot, inputs, solver=solver)
     assert part.status is mr.Status.INTEGRATION_LIMIT
     assert part.integrations < 120  # some 60 to where the branch ends
@@ -196,12 +196,12 @@ def test_a_descent_is_given_up_whose_steps_lead_nowhere(part: float, most: int) 
         def __init__(self) -> None:
             self.within, self.valley, self.iterations = 0.0, False, 0
 
-        def _at(self, unknowns, level):
+        def at(self, unknowns, level):
             taken.append(unknowns)
             yield
             return SimpleNamespace(unknowns=unknowns, level=level, size=1.0, periods=np.zeros(0))
 
-        def _slope_or_none(self, point):
+        def slope_or_none(self, point):
             return Halved(part)
 
     start = SimpleNamespace(unknowns=np.zeros(1), level=1.0, size=1.0, periods=np.zeros(0))
@@ -212,7 +212,7 @@ def test_a_descent_is_given_up_whose_steps_lead_nowhere(part: float, most: int) 
 @pytest.mark.parametrize(("start", "there"), [(1.0, True), (20.0, True), (np.nan, False)])
 def test_other_equations_lead_to_their_own_by_parts_of_steps(start: float, there: bool) -> None:
     """(22) of docs/branches.md: Newton's whole steps on an arc tangent lead ever farther off from 1.4 on, from 20 by 600."""
-    from multirod.solvers.following.many import LED, led_to
+    from multirod.solvers.following.serving.many import LED, led_to
 
     looks = []
 
@@ -232,7 +232,7 @@ def test_other_equations_lead_to_their_own_by_parts_of_steps(start: float, there
 
 def test_a_branch_is_given_up_whose_pace_would_not_do() -> None:
     """(18) of docs/branches.md, after 500 of 1000 steps: the rest is half, and may take 1000 of them."""
-    from multirod.solvers.following.many import _Traces
+    from multirod.solvers.following.serving.many import _Traces
 
     walk = _Traces.__new__(_Traces)
     walk.levels, walk.most, walk.taken = np.full((3, 1), 0.5), np.full(3, 1000), np.full(3, 500)

@@ -96,15 +96,15 @@ def test_just_beyond_its_load_a_blade_is_bent_as_the_elastica_says():
 
 def test_many_that_buckle_are_followed_in_hardly_more_launches_than_one(monkeypatch):
     """And each as it is alone."""
-    from multirod.solvers.following.follow import _Together
+    from multirod.solvers.following.serving.together import Together
 
-    evaluate, launches = _Together.evaluate, []
+    evaluate, launches = Together.evaluate, []
 
     def counted(self, places, *others):
         launches.append(len(places))
         return evaluate(self, places, *others)
 
-    monkeypatch.setattr(_Together, "evaluate", counted)
+    monkeypatch.setattr(Together, "evaluate", counted)
     robot = column(2.0)
     force = -CRITICAL * np.linspace(1.05, 1.5, 30)[:, None] * (0, 0, 1)
     alone, most = [], 0
@@ -156,9 +156,9 @@ def test_a_batch_is_its_instances_and_the_others_do_not_notice():
 
 def test_an_end_that_is_unstable_by_the_equations_of_the_solver_is_no_result(monkeypatch):
     """It is found by finer ones, which near a fold may not agree."""
-    from multirod.solvers.following.follow import _Together
+    from multirod.solvers.following.serving.together import Together
 
-    judge = _Together._judge
+    judge = Together._judge
 
     def otherwise(self, asked):
         found = judge(self, asked)
@@ -166,7 +166,7 @@ def test_an_end_that_is_unstable_by_the_equations_of_the_solver_is_no_result(mon
             return {k: replace(judgement, falls=True, stands=False) for k, judgement in found.items()}
         return found
 
-    monkeypatch.setattr(_Together, "_judge", otherwise)
+    monkeypatch.setattr(Together, "_judge", otherwise)
     found = mr.solve(robot := column(2.0), robot.inputs(tip_force=(0, 0, -2 * CRITICAL)), solver=PRECISE)
     assert found.status is mr.Status.UNSTABLE
     assert np.isnan(found.tip_position).all()

@@ -14,9 +14,10 @@ from scipy.special import ellipe, ellipk
 import multirod as mr
 from multirod.models.held.costless import free_in_balls
 from multirod.models.held.kernels.arguments import IN_BALLS
-from multirod.solvers.following.follow import _Together
 from multirod.solvers.following.journey import Journey
-from multirod.solvers.following.requests import Answer, Judge, Judgement
+from multirod.solvers.following.serving.requests import Answer, Judge, Judgement
+from multirod.solvers.following.serving.together import Together
+from multirod.solvers.following.walk import Way
 
 EI, LENGTH = 0.02, 0.5
 STRIP = mr.Rod(length=LENGTH, bending_stiffness=(4 * EI, EI), torsional_stiffness=0.015)
@@ -311,13 +312,13 @@ def test_the_witness_of_legs_tells_stable_from_unstable(stool):
 
 def test_a_look_with_clamps_counts_as_its_six_pieces(monkeypatch):
     """With less than they take there is no result."""
-    robot, looks, integrate = mr.HeldRod(STRIP, slide=(0, 0, 1), **HINGES), [], _Together._integrate_clamped
+    robot, looks, integrate = mr.HeldRod(STRIP, slide=(0, 0, 1), **HINGES), [], Together._integrate_clamped
 
     def counted(self, asked):
         looks.extend(asked)
         return integrate(self, asked)
 
-    monkeypatch.setattr(_Together, "_integrate_clamped", counted)
+    monkeypatch.setattr(Together, "_integrate_clamped", counted)
     inputs = robot.inputs(tip_force=(0, 0, -1.05 * HINGED))
     found = mr.solve(robot, inputs, solver=PRECISE)
     assert found.status is mr.Status.BIFURCATED
@@ -434,7 +435,19 @@ def test_what_holds_turns_in_balls_has_exact_columns(stiff, joint):
 @pytest.mark.parametrize(("before", "meant"), [(0, True), (1, False)])
 def test_a_branch_was_stable_if_it_was_a_little_before_modes_vanished_together(before, meant):
     """Rounding may tell one of them as unstable where the branch ends."""
-    journey = Journey(np.zeros(1), 0.9, 1e-9, 100, 1.0, 1.0, 100, 1, False)
+    journey = Journey(
+        Way(
+            start=np.zeros(1),
+            level=0.9,
+            tolerance=1e-9,
+            allowed=100,
+            safe_step=1.0,
+            most_step=1.0,
+            max_steps=100,
+            side=1,
+            by_inputs=False,
+        )
+    )
     critical = SimpleNamespace(unknowns=np.zeros(1), level=0.9, size=0.0, gamma=np.eye(1), residual=np.zeros(1))
     ends, levels, answer = [], [], None
 

@@ -11,8 +11,8 @@ from random_legs import draw
 import multirod as mr
 from multirod.solvers.following.arrow import Arrow
 from multirod.solvers.following.descent import Slopes, downhill
-from multirod.solvers.following.follow import _Together
-from multirod.solvers.following.requests import Clamp, Judge
+from multirod.solvers.following.serving.requests import Clamp, Judge
+from multirod.solvers.following.serving.together import Together
 
 BORDER, PIECES = 6, 6
 
@@ -59,7 +59,7 @@ def test_legs_with_clamps_are_told_leg_by_leg():
     assert {len(leg) for leg in drawn.sections} == {1, 2}
     problem = drawn.robot.problem(drawn.inputs, integrator=mr.RK4(20))
     own = np.array([0])
-    together = _Together(problem.parts.followed(own), None, [lambda some: problem.parts.clamped(own[some], PIECES)])
+    together = Together(problem.parts.followed(own), None, [lambda some: problem.parts.clamped(own[some], PIECES)])
     unknowns = problem.guess()[0]
     unknowns += 0.1 * np.abs(unknowns).max() * np.random.default_rng(0).standard_normal(len(unknowns))
     points = together._integrate_clamped({0: Clamp(unknowns, 1.0, 0)})[0].among
@@ -80,7 +80,7 @@ def test_what_does_not_ask_waits_where_it_began(monkeypatch):
     problem = column.problem(inputs, integrator=mr.RK4(50))
     part = problem.parts.followed(np.arange(3))
     begins, levels = np.arange(9.0).reshape(3, 3), np.array([0.25, 0.5, 0.75])
-    together = _Together(part, None, (), (begins.copy(), levels.copy()))
+    together = Together(part, None, (), (begins.copy(), levels.copy()))
     together.evaluate(np.array([0, 1]), np.full((2, 3), 300.0), np.array([0.1, 0.9]))
     asked, seen = {2: Judge(np.array([1.0, 2.0, 3.0]), 0.9)}, []
     modes = type(part.stability).modes

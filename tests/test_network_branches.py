@@ -14,7 +14,7 @@ from multirod.models.network.stability.conjugates import NetworkConjugates
 from multirod.models.network.stability.in_clamps import in_clamps, short_enough
 from multirod.rotations import vectors
 from multirod.solvers.following.descent import Points
-from multirod.solvers.following.turns import Turns
+from multirod.solvers.following.serving.turns import Turns
 
 PIECES = 6
 STEEP = {name: value for name, value in GIVEN.items() if name != "moment"}  # loads with a potential

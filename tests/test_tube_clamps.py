@@ -7,7 +7,7 @@ from medium_energy import TubesInMedium
 from random_motions import DURATION, draw
 
 import multirod as mr
-from multirod.solvers.following.turns import ClampedTurns
+from multirod.solvers.following.serving.turns import ClampedTurns
 
 pytestmark = pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # of unit stiffness and length
 PIECES = 6

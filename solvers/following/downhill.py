@@ -16,8 +16,8 @@ from multirod.integrators import RK45
 from multirod.problem import BoundaryProblem
 from multirod.solvers.energy_descent import EnergyDescent, EnergyDescentTrack
 from multirod.solvers.following.descent import RADIUS, SOFT, Point, Slope
-from multirod.solvers.following.many import Server
-from multirod.solvers.following.requests import EDGES, Answer, Descend, Run, Settle
+from multirod.solvers.following.serving.many import Server
+from multirod.solvers.following.serving.requests import EDGES, Answer, Descend, Run, Settle
 from multirod.solvers.following.valley import FIRST, LONGEST, by_turns, down_valley, in_valley
 from multirod.status import NOT_RUN, Status
 from multirod.validation import FloatArray
@@ -123,9 +123,9 @@ def in_steps(walk: "Walk", point: Point, slope: Slope, first: FloatArray) -> Run
                 return None
             gone = 0.0
         step = share * (slope.back + slope.change(slope.modes @ turn))
-        trial = yield from walk._at(point.unknowns + step, point.level)
+        trial = yield from walk.at(point.unknowns + step, point.level)
         walk.iterations += 1
-        found, longest = walk._slope_or_none(trial), share * float(np.abs(turn).max())
+        found, longest = walk.slope_or_none(trial), share * float(np.abs(turn).max())
         off = np.inf if found is None or found.facing != slope.facing else slope.missed(share * turn, found)
         allowed = max(MISSED * longest, OFF * max(1.0, slope.drive))
         kicked = k > 0 and bool(first.any())
@@ -133,7 +133,7 @@ def in_steps(walk: "Walk", point: Point, slope: Slope, first: FloatArray) -> Run
         along += in_valley(slope, turn)
         if along > ALONG_VALLEY and not walk.valley:
             walk.valley = True  # it bends, which (4) knows nothing of
-            floor = by_turns(walk._at, point.level, slope.facing)
+            floor = by_turns(walk.at, point.level, slope.facing)
             landed = yield from down_valley(floor, point.unknowns, FIRST, LONGEST, walk.within)
             if landed is not None:
                 walk.hardly = int(abs(landed.slope.values[0]) < HARDLY)

@@ -3,44 +3,28 @@
 Numbers in parentheses are those of ``docs/branches.md``.
 """
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
-from multirod.solvers.following.descent import KICK, SOFT, Point, Unfit, turn_between, way_out
-from multirod.solvers.following.many import alike
-from multirod.solvers.following.requests import Run, Settle
-from multirod.solvers.following.walk import BESIDE, DECIDED, MERGED, Walk, held
+from multirod.solvers.following.departure import Departure
+from multirod.solvers.following.descent import SOFT, Point, Unfit
+from multirod.solvers.following.serving.requests import Run, Settle
 from multirod.status import Status
 from multirod.validation import FloatArray
 
-LEFT = 0.05  # of the rest of the way, where that leads nowhere: what is put together stiffens as its inverse
-SHORTER, SHORTENED = 3, 0.1  # so often, and by so much, where that leads far off: a critical point is known to 1e-7
 FAR_BEYOND = 1e-2  # as OVERSHOOT, of damped dynamics, which leave what is hardly unstable slowly
 SETTLING = 400  # integrations in which they are to rest
-AT_END = 6e-8  # of K/L: at the end of the way a mode as unstable decides
-SLIGHT = 1e-4  # of K/L: what leaves a mode no more unstable bends so little that residuals hardly tell by how much
-TELLING = 1e-3  # of the moments that bend it, in K/L the 3/2 power of how unstable it was: those that do
 SAME_SIZE = 0.5  # of how far it left, by which other equations may put it elsewhere
 LEAST_LEFT = 1e-5  # of the way: the end may be as near to the branch as its own critical point
-CLEAR = 3e-3  # of K/L: as unstable it is wanted where no moment drives it, before the end of the way
-NEAR = 5.0  # turn to a branch that leaves, over the root of how unstable the other is: 2.6 of a column [rad]
-DEEPER = 10.0  # than a branch goes down that leaves as a root, by as large a turn: what is elsewhere
-AS_SOFT = 0.1  # of how unstable the other is, what a branch that leaves has not: it is twice that
-STILL = 1e-3  # of the longest way of any place: where the tip is held
-FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
-APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
-SAME_BRANCH = 0.35  # below it the same branch, a quarter
-RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 MOST_EVENTS = 16
 LAST = 1e-3  # of the way, on which a neutral mode may be one that rounded kinks held until there
 
 
 @dataclass
-class Journey(Walk):
+class Journey(Departure):
     """One instance on its way from where its branch ended to the end of the way."""
 
     def run(self) -> Run:
@@ -53,54 +37,72 @@ class Journey(Walk):
             self.status = Status.BRANCH_END
 
     def _run(self) -> Run:
-        point = yield from self._at(self.start, self.level)
-        if self.level == 1:
-            yield from (self._let_go(point) if self.slack else self._fall(point))
+        point = yield from self.at(self.way.start, self.way.level)
+        if self.way.level == 1:
+            yield from (self._let_go(point) if self.way.slack else self._fall(point))
             return
-        soft = point.nearly_neutral
-        found = yield from self._balanced(point, soft)
-        neutral = 0 if found is None else (yield from self._by_symmetry(found, soft=soft > 0))
-        # these equations are a little finer than those that its branch ended by
-        if neutral != soft:
-            found = yield from self._balanced(point, neutral)
-        if found is not None:
-            point = found if self._passed(found) else (yield from self._along(found, neutral))
-            falls = self.potential and point.level == 1 and (yield from self._judge(point)).falls
-            if falls or (neutral > 0 and self._passed(point)):
-                point = found  # where two modes had just vanished together, by less than can be told, or one is neutral only here
-        if not self.potential:
+        point, neutral = yield from self._to_its_end(point)
+        if not self.way.potential:
             yield from self._run_damped(point)
             return
-        if self.doubtful and not (yield from self._was_stable(point, neutral)):
+        if self.way.doubtful and not (yield from self._was_stable(point, neutral)):
             return
         for _ in range(MOST_EVENTS):
             if point.level == 1:
                 break
-            landed = yield from self._leave(point)
-            if landed is None and neutral:  # what was not quite symmetric stiffens where it becomes straight
-                point, neutral, before = (yield from self._along(point, 0)), 0, point.level
-                if point.level > before:
-                    continue
-            if landed is None:
-                yield from self._end_undecided(point)
+            reached = yield from self._past(point, neutral)
+            if reached is None:
                 return
-            landed, event, neutral = landed
-            self.begun = landed if len(landed.unknowns) == len(self.start) else None
-            if event is not None:
-                self.events.append(event)
-                self.places.append(point.position)
-            leaves = event is not None and event.status is Status.BIFURCATED and not event.fold
-            point = yield from self._along(landed, neutral, point if leaves else None)
-            loud = point.level < 1 and np.linalg.norm(point.gamma) > self.loud
-            if self.hardly > neutral and not loud and (point := (yield from self._let_down(point))) is None:
-                return
-            if 1 - LAST < point.level < 1:
-                point, neutral = yield from self._released(point, neutral)
-            if loud or point.level < 1 and point.singular[-1] > self.singular:
-                self._lose(point)
-                return
-        if point.level < 1:
-            return
+            point, neutral = reached
+        if point.level == 1:
+            yield from self._arrive(point, neutral)
+
+    def _to_its_end(self, point: Point) -> Run:
+        """Where the branch ends that a point is on, by equations that are a little finer than those by which it ended there, and
+        how many modes are neutral all along it."""
+        soft = point.nearly_neutral
+        found = yield from self._balanced(point, soft)
+        neutral = 0 if found is None else (yield from self._by_symmetry(found, soft=soft > 0))
+        if neutral != soft:
+            found = yield from self._balanced(point, neutral)
+        if found is None:
+            return point, neutral
+        end = found if self._passed(found) else (yield from self._along(found, neutral))
+        falls = self.way.potential and end.level == 1 and (yield from self._judge(end)).falls
+        # else two modes had just vanished together, by less than can be told, or one is neutral only here
+        return (found if falls or (neutral > 0 and self._passed(end)) else end), neutral
+
+    def _past(self, critical: Point, neutral: int) -> Run:
+        """The end of the branch that a robot comes to from where one ends, and how many modes are neutral along it; None where
+        none is found that can be followed."""
+        landed = yield from self._leave(critical)
+        if landed is None and neutral:  # what was not quite symmetric stiffens where it becomes straight
+            end = yield from self._along(critical, 0)
+            if end.level > critical.level:
+                return end, 0
+            critical = end
+        if landed is None:
+            yield from self._end_undecided(critical)
+            return None
+        landed, event, neutral = landed
+        self.begun = landed if len(landed.unknowns) == len(self.way.start) else None
+        if event is not None:
+            self.events.append(event)
+            self.places.append(critical.position)
+        leaves = event is not None and event.status is Status.BIFURCATED and not event.fold
+        end = yield from self._along(landed, neutral, critical if leaves else None)
+        loud = end.level < 1 and np.linalg.norm(end.gamma) > self.way.loud
+        if self.hardly > neutral and not loud and (end := (yield from self._let_down(end))) is None:
+            return None
+        if 1 - LAST < end.level < 1:
+            end, neutral = yield from self._released(end, neutral)
+        if loud or end.level < 1 and end.singular[-1] > self.way.singular:
+            self._lose(end)
+            return None
+        return end, neutral
+
+    def _arrive(self, point: Point, neutral: int) -> Run:
+        """Say of a point at the end of the way what it is."""
         judgement = yield from self._judge(point)
         if judgement.stands:  # a load across an axis of symmetry may be too small to tell what it holds
             self.status, self.end, self.neutral = self.said, point, max(neutral, judgement.soft)
@@ -122,11 +124,11 @@ class Journey(Walk):
             if point.level == 1:
                 self.status, self.end = self.said, point
                 return
-            step = max(farthest, FAR_BEYOND if self.by_inputs else FAR_BEYOND * max(point.level, FAR_BEYOND))
+            step = max(farthest, FAR_BEYOND if self.way.by_inputs else FAR_BEYOND * max(point.level, FAR_BEYOND))
             landed = None
             for longer in (step, 4 * step, 1.0):
                 level = min(1.0, point.level + longer)
-                most = min(SETTLING, self.allowed - self.integrations)
+                most = min(SETTLING, self.way.allowed - self.integrations)
                 if most <= 0:
                     raise Spent
                 found, taken, edge = yield Settle(point.unknowns, level, most)
@@ -143,27 +145,21 @@ class Journey(Walk):
             point = yield from self._along(landed, 0)
             farthest = 4 * longer if point.level == landed.level else 0.0
 
-    def _at_rest(self, unknowns: FloatArray, level: float, neutral: int) -> Run:
-        """The equilibrium without clamps that they lead to."""
-        if self.hardly > neutral:
-            return (yield from self._levelled(unknowns, level))
-        return (yield from self._correct(unknowns, level, neutral))[0]
-
     def _end_undecided(self, point: Point) -> Run:
         """The end of the way, if it is just there that the branch is critical, and no mode of an equilibrium surely falls."""
         if 1 - point.level > LEAST_LEFT:
             self._lose(point)
             return
-        there = yield from self._at(point.unknowns, 1.0)
+        there = yield from self.at(point.unknowns, 1.0)
         neutral = there.nearly_neutral
-        if not there.size <= self.tolerance:  # as inputs move it on what is left of the way, but along what vanishes
+        if not there.size <= self.way.tolerance:  # as inputs move it on what is left of the way, but along what vanishes
             there, _ = yield from self._correct(point.unknowns, 1.0, neutral)
         if there is not None and (yield from self._stands(there)):
             self.status, self.end, self.neutral = self.said, there, neutral
 
     def _lose(self, point: Point, since: Point | None = None) -> None:
         """Rounding may have ended the way at a point, or led it astray ``since`` another: segments may go on from there."""
-        if np.linalg.norm(point.gamma) > self.noisy:
+        if np.linalg.norm(point.gamma) > self.way.noisy:
             self.lost = point if since is None else since
 
     @property
@@ -202,9 +198,9 @@ class Journey(Walk):
     def _polish_slight(self, end: Point) -> Run:
         """The same of what has just left a branch: where the equations that were asked for put its bifurcation elsewhere, by more
         than it is beyond it, it is on that branch by them."""
-        critical = self.left
+        critical = self.departed
         assert critical is not None  # or it has not
-        if (yield from self._at(end.unknowns, 1.0)).size <= self.tolerance:
+        if (yield from self.at(end.unknowns, 1.0)).size <= self.way.tolerance:
             self.end = end
             return
         found, _ = yield from self._correct(end.unknowns, 1.0, 0, any_contraction=True)
@@ -229,166 +225,5 @@ class Journey(Walk):
 
     def _passed(self, point: Point) -> bool:
         """Whether a branch is unstable where it ended, by equations that are a little finer than those by which it did."""
-        slope = self._slope_or_none(point) if self.by_tip and self.potential else None
+        slope = self.slope_or_none(point) if self.way.by_tip and self.way.potential else None
         return slope is not None and slope.values[0] < -SOFT
-
-    # ---- leaving a branch ----
-
-    def _leave(self, critical: Point) -> Run:
-        """Where the robot goes from a critical point: the point it comes to, what happened, and the modes that are neutral there;
-        None where that cannot be told."""
-        self.hardly, self.edge = 0, Status.NOT_RUN
-        landed = (yield from self._leave_or_stay(critical, self._overshoot(critical))) if self.by_tip else None
-        for clamping in range(self.clampings):
-            if landed is None and (clamped := (yield from self._clamped(critical, clamping))) is not None:
-                landed = yield from self._leave_clamped(clamped)
-        return landed
-
-    def _leave_clamped(self, critical: Point) -> Run:
-        """The same by clamps; where a step beyond leads far off, as what closes is stiff, from nearer and nearer."""
-        step, left = self._overshoot(critical), LEFT * (1 - critical.level)
-        landed = yield from self._leave_or_stay(critical, step)
-        if landed is None and left < step:
-            step = left
-            landed = yield from self._leave_or_stay(critical, step)
-        for _ in range(SHORTER):
-            if landed is not None or self.beside or not self.thorough:
-                break
-            step *= SHORTENED
-            landed = yield from self._leave_or_stay(critical, step, beside=True)
-        return landed
-
-    def _leave_or_stay(self, critical: Point, step: float, *, beside: bool = False) -> Run:
-        """``_leave_by``; None where displacements do not tell."""
-        self.beside = False
-        with suppress(Unfit):
-            return (yield from self._leave_by(critical, step, beside))
-        return None
-
-    def _leave_by(self, critical: Point, step: float, beside: bool) -> Run:
-        """The same by the displacements that a point tells of, first a ``step`` beyond it; not from where what does not vanish
-        is far from rest, if it is to be ``beside`` it."""
-        beyond = yield from self._pass(critical, step)
-        if beyond is None:
-            self.beside = True
-            return None
-        slope = beyond.slope
-        self.beside = slope.unsettled <= BESIDE
-        if beside and not self.beside:
-            return None
-        longer = (beyond.level - critical.level) / self._overshoot(critical)
-        first, fold = way_out(slope, beyond.moved, longer, self.side)
-        slight = first.any() and beyond.level == 1 and slope.lowest > -SLIGHT
-        self.left, self.within = (critical if slight else None), self.tolerance
-        if slight:
-            telling = TELLING * abs(slope.values[0]) ** 1.5 * slope.stiffness / beyond.unit.max()
-            self.within = min(self.tolerance, float(telling))
-        landed = yield from self._descend(beyond, slope, first)
-        if landed is None:
-            return None
-        rest, neutral = landed, 0 if self.slight else landed.slope.neutral
-        if len(landed.unknowns) > len(self.start):
-            neutral = neutral if self.has_tip else 0  # of a held rod Gamma is made to hold what symmetry leaves neutral
-            own = landed.unknowns[: len(self.start)] if landed.settled is None else landed.settled
-            rest = yield from self._at_rest(own, landed.level, neutral)
-            if rest is None:
-                return None
-        if neutral and (yield from self._by_symmetry(rest, landed)) != neutral:
-            if neutral > 1:
-                return None
-            self.hardly, neutral = 1, 0  # what is not quite symmetric holds it by as little
-        if not (yield from self._rests(rest, neutral)):
-            return None
-        status = yield from self._kind(critical, beyond, landed, rest, first)
-        if status is None:
-            return rest, None, neutral
-        lost, displacement, aside = 0.0, landed.position - critical.position, np.zeros(3)
-        if status is Status.SNAPPED:
-            lost, displacement = yield from self._lost(critical, beyond, rest, neutral)
-        elif first.any():
-            moves = beyond.moved @ slope.change(first)
-            sizes = np.linalg.norm(moves, axis=1)
-            displacement = moves[-1]
-            if sizes[-1] < STILL * sizes.max():
-                displacement, aside = 0.0 * moves[-1], moves[int(sizes.argmax())] / sizes.max()
-        if status is Status.BIFURCATED:
-            displacement = displacement / max(float(np.linalg.norm(displacement)), 1e-300)
-        event = BranchEvent(
-            status=status,
-            fold=fold,
-            load_factor=np.nan if self.by_inputs else critical.level,
-            progress=critical.level if self.by_inputs else np.nan,
-            energy_lost=lost,
-            tip_displacement=displacement,
-            rod_displacement=aside,
-            neutral=neutral,
-        )
-        return rest, event, neutral
-
-    def _lost(self, critical: Point, beyond: Point, rest: Point, neutral: int) -> Run:
-        """The energy lost [J] and how the tip moved [m]: from the critical point to where the branch that was come to is at the
-        same load; where it does not lead back there, from beyond it."""
-        found, _ = yield from self._correct(rest.unknowns, critical.level, neutral)
-        # what is neutral at this load alone, as one that turns a magnet over, tells nothing of it
-        same = found is not None and alike(found.gamma, rest.gamma, max(neutral, min(found.nearly_neutral, 1)))
-        found, left = (found, critical) if same else (rest, beyond)
-        return (yield from self._down(left, found)), found.position - critical.position
-
-    def _down(self, left: Point, found: Point) -> Run:
-        """The energy lost between two points [J]."""
-        before = yield from self._weigh(left.unknowns[: len(self.start)], left.level)
-        return before - (yield from self._weigh(found.unknowns, found.level))
-
-    def _kind(self, critical: Point, beyond: Point, landed: Point, rest: Point, first: FloatArray) -> Run:
-        """(6), (23), (27) Whether a point that was come to, ``rest`` without clamps, is on a branch that leaves the critical
-        point, or elsewhere; None where it is on the same branch."""
-        turn = turn_between(critical.frames, landed.frames)
-        if held(beyond.slope) and turn < 2 * MERGED:
-            return None
-        neutral = landed.slope.neutral
-        left = int((beyond.slope.values < -SOFT).sum())
-        along = landed.slope.neutral > 0 and landed.slope.neutral == critical.slope.neutral
-        along |= left > 0 and landed.slope.values[left - 1] < AS_SOFT * -beyond.slope.values[0]
-        if along and turn < 2 * KICK and not self.slight:
-            return None  # pushed along what is neutral, or nearly so, on all of the branch
-        if turn > FAR and not first.any():
-            return Status.SNAPPED
-        value = beyond.slope.lowest
-        if first.any() and value > -CLEAR and RETURNED < turn < NEAR * np.sqrt(max(-value, 0.0)):
-            return Status.BIFURCATED  # too near for a quarter of that to be told
-        deep = 0.25 * max(-value, 0.0) * turn**2 * beyond.stiffness
-        if turn > FAR and (yield from self._down(beyond, rest)) > DEEPER * deep > 0:
-            return Status.SNAPPED
-        ratio = yield from self._shrinks(critical, beyond.level, landed, first, neutral)
-        if ratio < SAME_BRANCH and (turn < RETURNED or not first.any()):
-            return None
-        elsewhere = ratio > APART or (turn > FAR and ratio < SAME_BRANCH)
-        return Status.SNAPPED if elsewhere else Status.BIFURCATED
-
-    def _pass(self, critical: Point, step: float) -> Run:
-        """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not at the end."""
-        while True:
-            level = min(1.0, critical.level + step)
-            beyond = yield from self._beyond(critical, level)
-            slope = beyond.slope
-            if slope.lowest < -CLEAR or abs(slope.along[0]) > DECIDED or held(slope):
-                return beyond
-            rest = yield from self._rest_beside(critical, level, slope)
-            if rest is not None and (held(rest.slope) or rest.slope.lowest < -CLEAR):
-                return rest
-            if level == 1.0:
-                last = beyond if rest is None else rest
-                return last if last.slope.lowest < -AT_END else None
-            step *= 4
-
-    def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray, neutral: int) -> Run:
-        """Distance of where a quarter of the overshoot leads, over that of where all of it did."""
-        quarter = critical.level + 0.25 * (level - critical.level)
-        other = (yield from self._halfway(critical, quarter, landed, neutral)) if first.any() else None
-        if other is None:
-            near = yield from self._beyond(critical, quarter)
-            other = yield from self._descend(near, near.slope, first)
-        if other is None:
-            return 1.0
-        size = [float(np.linalg.norm(point.unknowns - critical.unknowns)) for point in (other, landed)]
-        return size[0] / max(size[1], 1e-300)

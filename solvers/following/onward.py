@@ -105,7 +105,7 @@ def _in_segments(
         some = {k: own for k, own in lost.items() if neutral[k] == modes}
         ends = {
             # what never moved was found by the equations that were asked for
-            k: (own.lost.unknowns, own.lost.level, asked if np.array_equal(own.lost.unknowns, own.start) else own.steps)
+            k: (own.lost.unknowns, own.lost.level, asked if np.array_equal(own.lost.unknowns, own.way.start) else own.way.steps)
             for k, own in some.items()
             if own.lost is not None
         }

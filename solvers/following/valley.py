@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multirod.solvers.following.descent import SOFT, Point, Slope, Unfit
-from multirod.solvers.following.requests import Run
+from multirod.solvers.following.serving.requests import Run
 from multirod.validation import FloatArray
 
 FLOOR = 1e-2  # of K/L: a mode that is softer leads along it

@@ -3,7 +3,7 @@
 Numbers in parentheses are those of ``docs/branches.md``.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from multirod.results.events import BranchEvent
 from multirod.solvers.continuation.acceptance import CONTRACTION
 from multirod.solvers.following.descent import RADIUS, SOFT, VANISHING, Point, Slope, Unfit, turn_between
 from multirod.solvers.following.downhill import in_steps, next_rest
-from multirod.solvers.following.many import BALANCED, alike, led_to
-from multirod.solvers.following.requests import At, Clamp, Correct, Descend, Judge, Run, Trace, Weigh
+from multirod.solvers.following.serving.many import BALANCED, alike, led_to
+from multirod.solvers.following.serving.requests import At, Clamp, Correct, Descend, Judge, Run, Trace, Weigh
 from multirod.solvers.following.valley import FIRST, LONGEST, along_floor, by_residuals, by_turns, down_valley
 from multirod.status import Status
 from multirod.validation import FloatArray
@@ -33,9 +33,9 @@ MERGED = 0.05  # turn of the tip [rad] within which branches merge
 ASIDE = (0.05, 0.005)
 
 
-@dataclass
-class Walk:
-    """One instance on a branch of equilibria; what integrates is a generator, so that many share every launch (``follow``).
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """From where an instance goes on, and by what.
 
     Attributes:
         start: Unknowns where its branch ended, shape (n,).
@@ -81,35 +81,61 @@ class Walk:
     slack: bool = False
     thorough: bool = False
     loud: float = np.inf
+
+
+@dataclass
+class Walk:
+    """One instance on a branch of equilibria; what integrates is a generator, so that many share every launch (``follow``).
+
+    Attributes:
+        way: From where, and by what.
+        integrations: That it took.
+        iterations: That it took.
+        status: What is said of it.
+        end: Where it has come to at the end of the way.
+        neutral: Modes that symmetry leaves neutral there.
+        departed: Where it has just left a branch, at the end of the way.
+        within: Largest residual where a descent ends [1/m].
+        lost: Where rounding hides how it goes on.
+        begun: Where it came to from the last branch that ended.
+        quiet: What is said without events.
+        hardly: Modes in which hardly anything holds what it has come down a valley to: 1, or none.
+        valley: Whether it has come to one.
+        beside: Whether the last step beyond a critical point led to what is beside it.
+        edge: Why there is nothing where the last descent led.
+        events: What happened.
+        places: Of the end effector, at each [m].
+    """
+
+    way: Way
     integrations: int = 0
     iterations: int = 0
     status: Status = Status.BRANCH_END
     end: Point | None = None
     neutral: int = 0
-    left: Point | None = None  # where it has just left a branch, at the end of the way
-    within: float = 0.0  # largest residual where a descent ends [1/m]
-    lost: Point | None = None  # where rounding hides how it goes on
-    begun: Point | None = None  # where it came to from the last branch that ended
-    quiet: Status = Status.CONVERGED  # what is said without events
-    hardly: int = 0  # modes in which hardly anything holds what it has come down a valley to: 1, or none
-    valley: bool = False  # whether it has come to one
-    beside: bool = False  # whether the last step beyond a critical point led to what is beside it
-    edge: Status = Status.NOT_RUN  # why there is nothing where the last descent led
-
-    def __post_init__(self) -> None:
-        self.events: list[BranchEvent] = []
-        self.places: list[FloatArray] = []  # of the end effector, at each [m]
+    departed: Point | None = None
+    within: float = 0.0
+    lost: Point | None = None
+    begun: Point | None = None
+    quiet: Status = Status.CONVERGED
+    hardly: int = 0
+    valley: bool = False
+    beside: bool = False
+    edge: Status = Status.NOT_RUN
+    events: list[BranchEvent] = field(default_factory=list)
+    places: list[FloatArray] = field(default_factory=list)
 
     # ---- evaluation ----
 
-    def _at(self, unknowns: FloatArray, level: float) -> Run:
-        self._count(PIECES if len(unknowns) > len(self.start) else 1)
+    def at(self, unknowns: FloatArray, level: float) -> Run:
+        """The point that an integration tells of."""
+        self._count(PIECES if len(unknowns) > len(self.way.start) else 1)
         point = yield At(unknowns, level)
         return point
 
     def _clamped(self, point: Point, clamping: int = 0) -> Run:
         """The same point with clamps that carry no moment yet; None where there can be none."""
-        if not self.clampings:
+        if not self.way.clampings:
             return None
         self._count(PIECES)
         clamped = yield Clamp(point.unknowns, point.level, clamping)
@@ -126,7 +152,7 @@ class Walk:
         return potential
 
     def _count(self, integrations: int = 1) -> None:
-        if self.integrations + integrations > self.allowed:
+        if self.integrations + integrations > self.way.allowed:
             raise Spent
         self.integrations += integrations
 
@@ -140,19 +166,21 @@ class Walk:
         return answer
 
     @property
-    def _left(self) -> int:
-        return self.allowed - self.integrations
+    def remaining(self) -> int:
+        """Integrations that it may take yet."""
+        return self.way.allowed - self.integrations
 
     @property
     def slight(self) -> bool:
         """Whether it has just left a branch at the end of the way, and is bent so little that residuals hardly tell."""
-        return self.left is not None
+        return self.departed is not None
 
     def _stands(self, point: Point) -> Run:
         """Whether no mode is unstable."""
         return (yield from self._judge(point)).stands
 
-    def _slope_or_none(self, point: Point) -> Slope | None:
+    def slope_or_none(self, point: Point) -> Slope | None:
+        """Of a point; None where it is not fit to tell."""
         try:
             return point.slope
         except Unfit:
@@ -162,7 +190,7 @@ class Walk:
         """Whether a point is stable but for modes that symmetry leaves neutral; what loads across hold too little to be told from
         these is one of a held rod too, whose ``Gamma`` says what they hold."""
         judgement = yield from self._judge(point)
-        told = self.slight or not self.has_tip or neutral <= judgement.soft <= max(neutral, self.hardly)
+        told = self.slight or not self.way.has_tip or neutral <= judgement.soft <= max(neutral, self.hardly)
         return judgement.stands and told
 
     # ---- along a branch ----
@@ -174,13 +202,13 @@ class Walk:
         A strut between a ball and a universal joint that has buckled turns about its chord, and neither end tells how far it is
         bent: then the same point does, ``clamped``.
         """
-        slope = self._slope_or_none(point) if self.has_tip else None
+        slope = self.slope_or_none(point) if self.way.has_tip else None
         told = point
         untold = slope is None or not len(slope.values)
-        if soft and self.has_tip and not len(point.among.forces):
+        if soft and self.way.has_tip and not len(point.among.forces):
             clamped = yield from self._clamped(point)
         if untold and clamped is not None and len(clamped.unknowns) > len(point.unknowns):
-            told, slope = clamped, self._slope_or_none(clamped)
+            told, slope = clamped, self.slope_or_none(clamped)
         if slope is None:
             return 0
         count = slope.neutral
@@ -200,8 +228,8 @@ class Walk:
         if found is None:
             return False
         clamps = np.zeros(len(told.unknowns) - len(point.unknowns))
-        there = (yield from self._at(np.append(found.unknowns, clamps), point.level)) if len(clamps) else found
-        slope = self._slope_or_none(there)
+        there = (yield from self.at(np.append(found.unknowns, clamps), point.level)) if len(clamps) else found
+        slope = self.slope_or_none(there)
         if slope is None or slope.neutral < count:
             return False
         # what moves need not be the tip
@@ -213,30 +241,32 @@ class Walk:
         first = self._overshoot(start)
         if origin is not None:
             first = max(first, STIFFER * (start.level - origin.level))
-        ways = first, self.safe_step, self.most_step, self.max_steps
+        ways = first, self.way.safe_step, self.way.most_step, self.way.max_steps
         aside = self.hardly > neutral
         count = max(neutral, self.hardly)
-        return (yield from self._ask(Trace(start, count, self.tolerance, self._left, *ways, origin, aside, self.loud))).point
+        return (
+            yield from self._ask(Trace(start, count, self.way.tolerance, self.remaining, *ways, origin, aside, self.way.loud))
+        ).point
 
     def _let_down(self, point: Point) -> Run:
         """(13) The equilibrium to which the valley leads in which a point is; None where none was found."""
         clamped = yield from self._clamped(point)
-        slope = None if clamped is None else self._slope_or_none(clamped)
+        slope = None if clamped is None else self.slope_or_none(clamped)
         if slope is None:
             return None
-        floor = by_turns(self._at, point.level, slope.facing)
-        landed = yield from down_valley(floor, clamped.unknowns, FIRST, LONGEST, self.tolerance)
-        return None if landed is None else (yield from self._levelled(landed.unknowns[: len(self.start)], point.level))
+        floor = by_turns(self.at, point.level, slope.facing)
+        landed = yield from down_valley(floor, clamped.unknowns, FIRST, LONGEST, self.way.tolerance)
+        return None if landed is None else (yield from self._levelled(landed.unknowns[: len(self.way.start)], point.level))
 
     def _levelled(self, unknowns: FloatArray, level: float) -> Run:
         """(13) The equilibrium without clamps beside unknowns in a valley, near its lowest place."""
 
         def correct(unknowns: FloatArray) -> Run:
-            answer = yield from self._ask(Correct(unknowns, level, 1, self.tolerance, self._left, aside=True))
+            answer = yield from self._ask(Correct(unknowns, level, 1, self.way.tolerance, self.remaining, aside=True))
             return answer.point
 
         size = float(np.linalg.norm(unknowns))
-        return (yield from down_valley(by_residuals(correct), unknowns, NEAR * size, WIDE * size, self.tolerance))
+        return (yield from down_valley(by_residuals(correct), unknowns, NEAR * size, WIDE * size, self.way.tolerance))
 
     def _let_go(self, point: Point) -> Run:
         """To where the valley leads in which a point is at the end of the way, held back no longer."""
@@ -248,7 +278,7 @@ class Walk:
     def _released(self, point: Point, neutral: int) -> Run:
         """The end of the way from a point next to it, where symmetry leaves modes neutral there that rounded kinks held until
         then, and how many; the point itself where that is not so."""
-        slope = self._slope_or_none(point) if self.has_tip and not self.by_inputs else None
+        slope = self.slope_or_none(point) if self.way.has_tip and not self.way.by_inputs else None
         soft = 0 if slope is None else slope.neutral
         if soft <= neutral:
             return point, neutral
@@ -260,16 +290,16 @@ class Walk:
         return found, soft
 
     def _overshoot(self, point: Point) -> float:
-        return OVERSHOOT if self.by_inputs else OVERSHOOT * max(point.level, OVERSHOOT)
+        return OVERSHOOT if self.way.by_inputs else OVERSHOOT * max(point.level, OVERSHOOT)
 
     def _correct(self, unknowns: FloatArray, level: float, neutral: int, *, any_contraction: bool = False) -> Run:
         """(7) Newton's method, without steps along ``neutral`` modes: the point, None where it fails, and its contraction."""
-        answer = yield from self._ask(Correct(unknowns, level, neutral, self.tolerance, self._left, any_contraction))
+        answer = yield from self._ask(Correct(unknowns, level, neutral, self.way.tolerance, self.remaining, any_contraction))
         return answer.point, answer.contraction
 
     def _balanced(self, point: Point, neutral: int) -> Run:
         """The equilibrium beside a point; itself where it needs no step."""
-        if point.size <= BALANCED * self.tolerance:
+        if point.size <= BALANCED * self.way.tolerance:
             return point
         return (yield from self._correct(point.unknowns, point.level, neutral))[0]
 
@@ -279,19 +309,19 @@ class Walk:
         They may move what is soft by much of what is left: by little of the whole it is the same branch.
         """
         found, contraction = yield from self._correct(unknowns, 1.0, neutral, any_contraction=True)
-        if found is None and self.thorough and not neutral:
-            found = yield from led_to(self._at, unknowns, self.tolerance)
+        if found is None and self.way.thorough and not neutral:
+            found = yield from led_to(self.at, unknowns, self.way.tolerance)
         slow = found is not None and contraction > CONTRACTION
         return None if slow and np.linalg.norm(found.unknowns - unknowns) > POLISHED * np.linalg.norm(unknowns) else found
 
     def _beyond(self, critical: Point, level: float) -> Run:
         """The critical unknowns at a level beyond; where there are constraints, what else changes on the branch with it."""
-        point = yield from self._at(critical.unknowns, level)
+        point = yield from self.at(critical.unknowns, level)
         for _ in range(ALONGSIDE if len(point.unknowns) > len(point.among.forces) else 0):
             slope = point.slope
             stiff = np.where(slope.values > VANISHING, slope.values, np.inf)
             turn = np.clip(-slope.along / stiff, -RADIUS, RADIUS)
-            point = yield from self._at(point.unknowns + slope.back + slope.change(slope.modes @ turn), level)
+            point = yield from self.at(point.unknowns + slope.back + slope.change(slope.modes @ turn), level)
         return point
 
     def _rest_beside(self, critical: Point, level: float, slope: Slope) -> Run:
@@ -307,7 +337,7 @@ class Walk:
         rest, _ = yield from self._correct(critical.unknowns, level, 0, any_contraction=True)
         if rest is None or turn_between(critical.frames, rest.frames) > MERGED:
             return None
-        return None if self._slope_or_none(rest) is None else rest
+        return None if self.slope_or_none(rest) is None else rest
 
     def _halfway(self, critical: Point, level: float, landed: Point, neutral: int) -> Run:
         """The stable equilibrium at a quarter of the way if it is where a branch that leaves as the root of the load has it; None
@@ -317,7 +347,7 @@ class Walk:
             return None
         expected = 0.5 * (critical.unknowns + landed.unknowns)
         found, _ = yield from self._correct(expected, level, neutral)
-        slope = None if found is None else self._slope_or_none(found)
+        slope = None if found is None else self.slope_or_none(found)
         if slope is None or slope.facing != reached.facing or slope.values[0] < -SOFT:
             return None
         near = np.linalg.norm(found.unknowns - expected) <= AS_A_ROOT * np.linalg.norm(expected - critical.unknowns)
@@ -330,18 +360,18 @@ class Walk:
         if slope.clamps:
             landed = yield from self._descend_clamped(point, slope, first)
             return landed
-        answer = yield from self._ask(Descend(point, slope, first, self.within, self._left))
+        answer = yield from self._ask(Descend(point, slope, first, self.within, self.remaining))
         landed, self.edge = answer.point, answer.edge
         if landed is None and len(point.unknowns) == 1:  # it would snap though its tip be held
             way = slope.change(first) if first.any() else slope.step(RADIUS)
-            landed = yield from next_rest(self._at, point, float(np.sign(way[0])), self.within)
+            landed = yield from next_rest(self.at, point, float(np.sign(way[0])), self.within)
         return landed
 
     def _descend_clamped(self, point: Point, slope: Slope, first: FloatArray) -> Run:
         """The same by the turns of clamps; of legs that come nowhere so, on the floor of their valley."""
         landed = yield from in_steps(self, point, slope, first)
-        if landed is None and self.thorough and point.among.arrow is not None and slope.unsettled <= BESIDE:
-            landed = yield from along_floor(self._at, point, slope, first, self.within)
+        if landed is None and self.way.thorough and point.among.arrow is not None and slope.unsettled <= BESIDE:
+            landed = yield from along_floor(self.at, point, slope, first, self.within)
         return landed
 
 

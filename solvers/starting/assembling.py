@@ -14,7 +14,7 @@ from multirod.results.events import BranchEvent, placed_events
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import signs
 from multirod.solvers.continuation.paths import SAFE_LOAD, Paths
-from multirod.solvers.following.requests import EDGES
+from multirod.solvers.following.serving.requests import EDGES
 from multirod.solvers.newton.iteration import Newton
 from multirod.status import Status, failures
 from multirod.validation import FloatArray

@@ -14,7 +14,7 @@ from multirod.solvers.continuation.pace import ROUNDED_OFF, UNASKED
 from multirod.solvers.following.descent import SOFT
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
-from multirod.solvers.following.requests import EDGES
+from multirod.solvers.following.serving.requests import EDGES
 from multirod.solvers.following.walk import NOISY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine

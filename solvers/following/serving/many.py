@@ -14,7 +14,7 @@ from multirod.batch import IntArray
 from multirod.solvers.continuation.acceptance import CONTRACTION, MIN_STEP, SURPRISE, same_branch
 from multirod.solvers.continuation.pace import PACED, creeps
 from multirod.solvers.following.descent import SOFT, Point, Points, norms
-from multirod.solvers.following.requests import Answer, Correct, Run, Trace
+from multirod.solvers.following.serving.requests import Answer, Correct, Run, Trace
 from multirod.solvers.following.valley import FLOOR
 from multirod.validation import FloatArray
 
