@@ -128,7 +128,7 @@ class Journey(Departure):
             landed = None
             for longer in (step, 4 * step, 1.0):
                 level = min(1.0, point.level + longer)
-                most = min(SETTLING, self.way.allowed - self.integrations)
+                most = min(SETTLING, self.remaining)
                 if most <= 0:
                     raise Spent
                 found, taken, edge = yield Settle(point.unknowns, level, most)

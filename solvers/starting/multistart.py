@@ -12,7 +12,7 @@ from multirod.rotations import leading_axis
 from multirod.solver import Outcome
 from multirod.solvers.continuation.acceptance import signs
 from multirod.solvers.continuation.paths import Paths
-from multirod.solvers.following.requests import EDGES
+from multirod.solvers.following.serving.requests import EDGES
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.starting.assembling import GoOn, settle
 from multirod.solvers.starting.continua import Curve, beside
