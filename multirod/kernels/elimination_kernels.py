@@ -17,15 +17,17 @@ def eliminate_unknowns(
     system: wp.array3d[wp.float64],
     sides: wp.array3d[wp.float64],
     left: wp.array3d[wp.float64],
+    reach: wp.array[wp.float64],
 ):
-    """(D1)
+    """(D1) and (D1d).
 
     Args:
         gamma: Shape (instance, n, n).
         slopes: Of the residual by numbers, (instance, n, k).
         columns: Of the pose by unknowns, then by these numbers, (instance, 6, n + k).
-        system, sides: Room for the first two.
+        system, sides: Room for the first two, and for one side more.
         left: The pose's, once the unknowns follow, (instance, 6, k).
+        reach: (D1d), (instance,).
     """
     t = wp.tid()
     n = gamma.shape[1]
@@ -33,8 +35,16 @@ def eliminate_unknowns(
     for i in range(n):
         copy_row(system, gamma, t, i, 0, i, 0, n)
         copy_row(sides, slopes, t, i, 0, i, 0, count)
+        sides[t, i, count] = f64(1.0) + f64(0.5) * wp.cos(f64(1 + i))
     eliminate(system, sides, t)
     for i in range(6):
         copy_row(left, columns, t, i, 0, i, n, count)
         for j in range(n):
             add_row(left, sides, t, i, 0, j, 0, count, -columns[t, i, j])
+    size = f64(0.0)
+    most = f64(0.0)
+    for i in range(n):
+        most = most + wp.abs(sides[t, i, count])
+        for j in range(n):
+            size = wp.max(size, wp.abs(gamma[t, i, j]))
+    reach[t] = size * most

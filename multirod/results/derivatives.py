@@ -8,11 +8,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from multirod.batch import solved_each
 from multirod.naming import meant
 from multirod.problem import BoundaryProblem
 from multirod.results import sides
-from multirod.results.eliminating import pose_derivative
+from multirod.results.eliminating import eliminated, pose_derivative, pulled_back, warn_of_singular
 from multirod.results.segment_system import pose_jacobians
 from multirod.results.telling import told_by_loop
 from multirod.rotations import cross_matrix
@@ -107,7 +106,9 @@ def jacobian(
         refuse("rod", rod, f"must not be given of {of}: it is for {', '.join(ALONG)}; columns by a parameter run over all rods")
     kept = _kept(solution, names) if of == "pose" and at is None else None
     if kept is not None:
-        return solution._masked(_eliminated(*kept), (POSE, kept[0].shape[-1]))
+        left, silent = eliminated(*kept)
+        warn_of_singular(names, silent & ~solution._failed)
+        return solution._masked(left, (POSE, kept[0].shape[-1]))
     told = told_by_loop(solution, names) if of == "pose" and at is None and rod is None else None
     if told is not None:
         return solution._masked(told, (POSE, told.shape[-1]))
@@ -226,19 +227,20 @@ def along(solution: "Solution[Any]", at: Numbers, of: str, rod: int | str | None
 def _by(solution: "Solution[Any]", names: list[str], rows: Rows, tail: tuple[int, ...]) -> FloatArray:
     """(D1) Derivatives by parameters, and by inputs whose terms are compiled in, (..., *tail, k), in one integration."""
 
-    def columns(problem: BoundaryProblem) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def columns(problem: BoundaryProblem) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
         at_once = pose_derivative(problem, names) if rows is _pose_rows else None
         if at_once is None:
             slopes, own, gamma, none = _told(solution, problem, names, rows)
-            result = _eliminated(slopes, own, gamma)
+            result, silent = eliminated(slopes, own, gamma)
         else:
-            result, none = at_once, np.zeros(problem.instance_count, dtype=bool)
+            (result, silent), none = at_once, np.zeros(problem.instance_count, dtype=bool)
         for k, by_states in pose_jacobians(problem, solution.assembly, names if rows is _pose_rows else None).items():
-            result[k] = by_states
-        return result, none
+            result[k], silent[k] = by_states, False
+        return result, none, silent
 
-    result, none = _gathered(solution, names, columns)
+    result, none, silent = _gathered(solution, names, columns)
     _warn_of_sides(names, none)
+    warn_of_singular(names, silent & ~solution._failed)
     return solution._masked(result, (*tail, result.shape[-1]))
 
 
@@ -277,12 +279,6 @@ def _warn_of_sides(names: Sequence[str], none: NDArray[np.bool_]) -> None:
             "to one side as to the other; pull them a little (displacement=1e-3, with an axial_stiffness)",
             RuntimeWarning,
         )
-
-
-def _eliminated(slopes: FloatArray, rows: FloatArray, gamma: FloatArray) -> FloatArray:
-    """(D1) What is left once the unknowns follow; NaN where they cannot be told."""
-    n = gamma.shape[-1]
-    return np.asarray(rows[:, :, n:] - rows[:, :, :n] @ solved_each(gamma, slopes))
 
 
 def _kept(solution: "Solution[Any]", names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
@@ -344,11 +340,8 @@ def vjp(solution: "Solution[Any]", cotangent: Numbers, of: str, wrt: object) -> 
     slopes, carried, gamma, *none = _kept(solution, names) or _gathered(solution, names, columns)
     for own in none:
         _warn_of_sides(names, own)
-    n = gamma.shape[-1]
-    c = given.reshape(-1, rows, 1)
-    carried = np.swapaxes(carried[:, part], 1, 2)
-    back = solved_each(np.swapaxes(gamma, 1, 2), carried[:, :n] @ c)
-    result = (carried[:, n:] @ c - np.swapaxes(slopes, 1, 2) @ back)[..., 0]
+    result, silent = pulled_back(given.reshape(-1, rows), slopes, carried[:, part], gamma)
+    warn_of_singular(names, silent & ~solution._failed)
     result = solution._masked(result, result.shape[1:])
     pieces = split(solution, known, result)
     R = solution.tip_rotation

@@ -42,7 +42,7 @@ class Told:
         problem.write("unknowns", problem.adopt(unknowns))
         problem.part_ends(self._names)
         problem.integrate()
-        return self._left.find()
+        return self._left.find()[0]
 
 
 class Telling:
