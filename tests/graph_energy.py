@@ -89,7 +89,8 @@ class Graph:
         rods: Of each: ``base``, ``tip`` (None where it is free), ``holes``; ``spans`` of one material each: ``length``,
             ``stiffness`` and ``curvature`` (tubes, 3), ``force`` per length (3,), ``shear`` (3,) or None, ``magnet``, magnetic
             moment per length in a ``field``, both (3,), ``moment`` per length (3,) where there are no holes, ``without_lines``
-            where these have ended; ``medium``, its stiffness (3,) or None; ``angles`` (tubes,) of bases, ``behind`` (tubes,):
+            where these have ended; ``medium``, its stiffness (3,) or None, and ``loads`` of its own, names of laws and their
+            numbers, of rods whose bases stand still; ``angles`` (tubes,) of bases, ``behind`` (tubes,):
             what they are turned with behind the plate [N m/rad], infinite where they begin there; ``lines``: ``offset`` (2,),
             and ``tension``, or ``length`` and ``compliance``, and if it ``pushes``; ``pull`` (3,) on a free tip.
             A joint is at ``position``, ``frame`` of ``body`` (-1 the ground), turns about ``axes`` (count, 3) and slides along
@@ -717,20 +718,28 @@ class _Part:
         return total
 
     def medium_of(self, state, g, H):
-        """Of a rod whose base stands still, its segments are held by springs to the line straight out of that, at their middles;
-        the energy of these."""
-        if self.rod["medium"] is None:
+        """Of a rod whose base stands still, its segments are held by springs to the line straight out of that, at their middles,
+        where loads of its own act too; the energy of these."""
+        if self.rod["medium"] is None and not self.rod["loads"]:
             return 0.0
         graph, (R, y), ((segments, *_),) = self.graph, state, self.runs
         h = np.array([share * graph.length_of(piece, y) for _, piece, share, _ in segments])
         frame = self.rod["base"]["frame"]
-        K = frame @ np.diag(self.rod["medium"]) @ frame.T
+        K = np.zeros((3, 3)) if self.rod["medium"] is None else frame @ np.diag(self.rod["medium"]) @ frame.T
         turns = R[[node[0] for node, *_ in segments]]
         v = np.array([y[node[1]] if len(node[1]) else AXIS for node, *_ in segments])
         steps = h[:, None] * of(turns, v)
         middle = h.cumsum() - 0.5 * h
         off = steps.cumsum(axis=0) - 0.5 * steps - middle[:, None] * frame[:, 2]
-        pull = h[:, None] * off @ K
+        # what acts per length, how it changes with the place and with the turn, and the energy per length
+        pull, curve, by_turn = off @ K, np.broadcast_to(K, (len(off), 3, 3)), np.zeros((len(off), 3, 3))
+        energy = 0.5 * np.sum(pull * off, axis=1)
+        for law, *numbers in self.rod["loads"]:
+            more = LAWS[law](off, turns, frame, *numbers)
+            pull, curve, by_turn, energy = pull + more[0], curve + more[1], by_turn + more[2], energy + more[3]
+            for i, (node, *_) in enumerate(segments if len(more) > 4 else ()):
+                linear(g, H, graph.place_of_turn(node[0]), turns[i], h[i] * more[4], more[5])
+        pull = h[:, None] * pull
         # a segment carries those beyond it whole, and itself by half
         carried = pull[::-1].cumsum(axis=0)[::-1] - 0.5 * pull
         places, ways = [], []
@@ -748,8 +757,51 @@ class _Part:
         own = np.repeat(np.arange(len(segments)), 3 * len(places) // len(segments))
         share = (own < np.arange(len(segments))[:, None]) + 0.5 * (own == np.arange(len(segments))[:, None])
         moved = share[:, None] * each  # of each middle
-        H[np.ix_(at, at)] += np.einsum("kai,ab,kbj->ij", h[:, None, None] * moved, K, moved)
-        return float(0.5 * np.sum(pull * off))
+        H[np.ix_(at, at)] += np.einsum("kai,kab,kbj->ij", h[:, None, None] * moved, curve, moved)
+        for i, (node, *_) in enumerate(segments):
+            H[np.ix_(at, graph.place_of_turn(node[0]))] += h[i] * moved[i].T @ by_turn[i]
+        return float(h @ energy)
+
+    def work_of(self, state, z):
+        """Of what drags the rod and has no energy, along a displacement ``z``: less what its energy would be the slope of."""
+        drags = [numbers for law, *numbers in self.rod["loads"] if law == "drag"]
+        if not drags:
+            return 0.0
+        before = self.rod["loads"], self.rod["medium"]
+        self.rod |= {"loads": [("drag", *drags[0])], "medium": None}
+        g, H = np.zeros(self.graph.size), np.zeros((self.graph.size, self.graph.size))
+        self.medium_of(state, g, H)
+        self.rod |= {"loads": before[0], "medium": before[1]}
+        return float(g @ z)
+
+
+def well(off, turns, frame, k, c):
+    """Of springs ``k r + c r^3``, what acts against them, its changes with the place and the turn, and their energy."""
+    square = np.sum(off**2, axis=1)
+    stiff = k + c * square
+    curve = stiff[:, None, None] * np.eye(3) + 2 * c * off[:, :, None] * off[:, None, :]
+    return stiff[:, None] * off, curve, np.zeros_like(curve), 0.5 * k * square + 0.25 * c * square**2
+
+
+def drag(off, turns, frame, along, across, flow=(1.0, 0.5, -0.2)):
+    """The same of a fluid that flows by, without an energy."""
+    w, t = frame @ np.array(flow), turns[:, :, 2]
+    dt = -turns @ hat(AXIS)
+    push = (along - across) * (t @ w)[:, None] * t + across * w
+    by_turn = (along - across) * (t[:, :, None] * (w @ dt)[:, None, :] + (t @ w)[:, None, None] * dt)
+    return -push, np.zeros_like(dt), -by_turn, np.zeros(len(t))
+
+
+def springs(off, turns, frame, k, rest, keel):
+    """The same of springs that are ``rest`` from the line without force, and of a keel: with what turns it, and where on it."""
+    size = np.sqrt(np.sum(off**2, axis=1) + rest**2)
+    stiff = k * (1 - rest / size)
+    curve = stiff[:, None, None] * np.eye(3) + (k * rest / size**3)[:, None, None] * off[:, :, None] * off[:, None, :]
+    energy = k * (0.5 * np.sum(off**2, axis=1) - rest * size) - keel * turns[:, :, 0] @ frame[:, 1]
+    return stiff[:, None] * off, curve, np.zeros_like(curve), energy, -keel * frame[:, 1], np.array([1.0, 0, 0])
+
+
+LAWS = {"well": well, "drag": drag, "springs": springs}
 
 
 def _both(H, rows, columns, value):

@@ -3,8 +3,8 @@
 Rods that are plain, strips, stretch and shear, have sections, tendons, or are tubes; joints of all kinds at random axes, with
 springs, motors and drives; rods that slide through holes of bodies; bodies that are fixed and moved, frames that are pushed;
 loads along all rods and along one. From number ``WITH_FIELDS`` on some rods are magnets in a field, stand in a medium, or have
-chambers and push rods; from ``WITH_ENDS`` on lines end before the tip, and moments act along single rods. ``random_networks``
-draws less, by other numbers.
+chambers and push rods; from ``WITH_ENDS`` on lines end before the tip, and moments act along single rods; from ``WITH_LOADS`` on
+rods have loads of their own, of classes that are not in the package. ``random_networks`` draws less, by other numbers.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,8 @@ from itertools import pairwise
 import numpy as np
 from graph_energy import Graph, roll, turned
 from network_energy import AXIS, exp, log
+from own_loads import Well
+from test_loads import Drag, Spring
 
 import multirod as mr
 
@@ -24,6 +26,7 @@ MADE = ("plain", "plain", "plain", "strip", "stretches", "sections", "tendons", 
 RADIUS = 0.005  # of tendons
 WITH_FIELDS = 1000  # the first number of a network with magnets, media, chambers and push rods
 WITH_ENDS = 2000  # the first number of a network with lines that end before the tip, and moments along rods
+WITH_LOADS = 3000  # the first number of a network whose rods have loads of their own
 AREA = 2e-5  # of a chamber [m^2]
 BY_NAME = (
     *("rotation", "translation", "force", "moment", "follower_force", "follower_moment", "tension", "displacement"),
@@ -64,11 +67,11 @@ def frame_along(z, rng, off=0.15):
 
 def draw(seed, most_rods=12, most_bodies=4, load=1.0):
     """A network; one in which something is free to move is drawn again."""
-    rng, more, last = (np.random.default_rng([seed, own]) for own in (17, 29, 31))
+    rng, more, last, own_loads = (np.random.default_rng([seed, own]) for own in (17, 29, 31, 37))
     while True:
         try:
             more, last = more if seed >= WITH_FIELDS else None, last if seed >= WITH_ENDS else None
-            return _Lot(rng, most_rods, most_bodies, load, more, last).drawn()
+            return _Lot(rng, most_rods, most_bodies, load, more, last, own_loads if seed >= WITH_LOADS else None).drawn()
         except ValueError as error:
             if "free to move" not in str(error):
                 raise
@@ -77,8 +80,8 @@ def draw(seed, most_rods=12, most_bodies=4, load=1.0):
 class _Lot:
     """One draw."""
 
-    def __init__(self, rng, most_rods, most_bodies, load, more, last):
-        self.rng, self.load, self.more, self.last = rng, load, more, last
+    def __init__(self, rng, most_rods, most_bodies, load, more, last, own_loads):
+        self.rng, self.load, self.more, self.last, self.own_loads = rng, load, more, last, own_loads
         count = int(rng.integers(1, most_bodies + 1))
         self.joined = [(int(rng.integers(-1, k)) if k else -1, k) for k in range(count)]
         for _ in range(int(rng.integers(0, most_rods - count + 1))):
@@ -200,12 +203,13 @@ class _Lot:
         self._drives(name, made, own, length)
         self.rods[name] = make(**self._around(made, near, own, sliding))
         self.numbers.append(own)
-        if made in ("plain", "strip", "stretches") and not sliding and self.chance(0.1) and own["medium"] is None:
+        bare = own["medium"] is None and not own["loads"]
+        if made in ("plain", "strip", "stretches") and not sliding and self.chance(0.1) and bare:
             self.cut[name] = int(rng.integers(2, 4))
 
     def _around(self, made, near, own, sliding):
         """Options of a rod that is a magnet or in a medium."""
-        more, options, own["medium"] = self.more, {}, None
+        more, options, own["medium"], own["loads"] = self.more, {}, None, []
         for span in own["spans"]:
             span["magnet"], span["field"] = np.zeros(3), self.field
         if made not in ("plain", "strip", "stretches", "sections"):
@@ -219,7 +223,25 @@ class _Lot:
             length = sum(span["length"] for span in own["spans"])
             k = EI / length**4 * 10 ** more.uniform(0, 2.5)
             own["medium"] = options["foundation"] = np.array([k, k, k * more.integers(0, 2)])
+        if still and not sliding and made != "sections" and self.own_loads is not None:
+            options |= self._loads_of_its_own(own)
         return options
+
+    def _loads_of_its_own(self, own):
+        """One of three laws or none, and what the witness knows of it."""
+        rng, length = self.own_loads, sum(span["length"] for span in own["spans"])
+        law = str(rng.choice(["well", "drag", "springs", "none"]))
+        k = EI / length**4 * 10 ** rng.uniform(0, 1.5)
+        if law == "none":
+            return {}
+        if law == "well":
+            numbers, made = (k, k / 0.05**2 * rng.uniform(0, 1)), Well
+        elif law == "drag":
+            numbers, made = tuple(self.load * EI / length**3 * rng.uniform(0.2, 1.5, 2)), Drag
+        else:
+            numbers, made = (k, rng.uniform(0.02, 0.05), rng.normal(0, 0.3 * self.load * EI / length**2)), Spring
+        own["loads"].append((law, *numbers))
+        return {"loads": [made(*numbers)]}
 
     def _made(self, name, made, length, own):
         rng = self.rng
@@ -445,7 +467,8 @@ class _Lot:
         mean = np.mean([sum(span["length"] for span in own["spans"]) for own in self.numbers])
         unit = EI / mean**2
         moments, follows = self.chance(0.12), self.chance(0.08)
-        self.potential = not (moments or follows or self.inputs["rod_moment"])
+        drags = any(law == "drag" for own in self.numbers for law, *_ in own["loads"])
+        self.potential = not (moments or follows or self.inputs["rod_moment"] or drags)
         self.own = []
         for k, (mass, centre) in enumerate(self.mass):
             force = rng.normal(0, self.load * unit, 3)
@@ -659,7 +682,7 @@ def violation(drawn, solution):
             if b >= 0:
                 force[b] = force[b] + wrench.force
                 moment[b] = moment[b] + wrench.about(place).moment
-        if rod["medium"] is None:  # by which it is held too
+        if rod["medium"] is None and not rod["loads"]:  # by which it is held too
             pulls.append(np.abs(total - weight - given).max())
     pulls += [np.abs(value).max() for value in force]
     turns += [np.abs(value).max() for value in moment]
