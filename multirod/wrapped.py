@@ -170,6 +170,9 @@ class WrappedProblem(BoundaryProblem):
     def kink_inputs(self) -> NDArray[np.intp]:  # noqa: D102
         return self.inner.kink_inputs
 
+    def kinks_give(self) -> NDArray[np.bool_]:  # noqa: D102
+        return self.inner.kinks_give()
+
     @property
     def starts(self) -> Starts | None:  # noqa: D102
         return self.inner.starts

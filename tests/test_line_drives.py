@@ -500,6 +500,22 @@ def test_tendons_by_the_law_under_loads(count: int) -> None:
     assert (LENGTH - displacement[1:] + hair - looser.line_length > -1e-10).all()
 
 
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_lines_at_their_kinks_are_let_out_first(count: int) -> None:
+    """(L8c) Displacements that sum to zero: 100 integrations and more, where the way of the loads ended first."""
+    angles = 2 * np.pi / count * np.arange(count)
+    random = np.random.default_rng(2)
+    moved = 2e-3 * random.uniform(0.3, 1, (8, 1)) * np.cos((random.uniform(0, 6, (8, 1)) if count > 2 else 0) - angles)
+    found = []
+    for axial in (None, 1e7):
+        lines = [mr.Tendon((6e-3 * np.cos(a), 6e-3 * np.sin(a)), driven="displacement", axial_stiffness=axial) for a in angles]
+        robot = mr.SingleRod(mr.Rod(length=0.2, bending_stiffness=0.006, torsional_stiffness=0.0046, lines=lines))
+        found.append(mr.solve(robot, robot.inputs(displacement=moved), progress=False).raise_if_failed())
+    assert found[0].integrations.max() <= 45
+    np.testing.assert_allclose(found[0].tip_position, found[1].tip_position, atol=2e-6)
+    assert (found[0].stability == mr.Stability.STABLE).all()
+
+
 def test_a_motion_past_kinks_takes_few_integrations() -> None:
     """(L8e) Stiff tendons whose tensions are thousands of those that bend: Gamma jumps by as much."""
     angles = 2 * np.pi * np.arange(3) / 3

@@ -284,6 +284,9 @@ class BackboneProblem(BoundaryProblem):
     def kink_inputs(self) -> NDArray[np.intp]:  # noqa: D102
         return meaning.kink_inputs(self) if self.features.condition_count else super().kink_inputs
 
+    def kinks_give(self) -> NDArray[np.bool_]:  # noqa: D102
+        return self.lines.give() if self.features.condition_count else super().kinks_give()
+
     # ---- the interface ----
 
     def renew(self, inputs: Inputs) -> bool:  # noqa: D102

@@ -239,3 +239,7 @@ class Offers(Buffers):
     def kink_inputs(self) -> NDArray[np.intp]:
         """Inputs, by their numbers, that let out what has ``kinks`` where they are lower."""
         return np.zeros(0, dtype=np.intp)
+
+    def kinks_give(self) -> NDArray[np.bool_]:
+        """Whether something that has ``kinks`` is known to stretch, shape (instance_count,)."""
+        return np.zeros(self.instance_count, dtype=bool)

@@ -11,19 +11,17 @@ from multirod.problem import DOUBLE_ROUNDING, BoundaryProblem
 from multirod.solver import Left, Outcome
 from multirod.solvers.continuation.natural import let_go, natural_branch
 from multirod.solvers.continuation.pace import ROUNDED_OFF, UNASKED
-from multirod.solvers.following.descent import SOFT
 from multirod.solvers.following.follow import ENDED
 from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.following.serving.requests import EDGES
-from multirod.solvers.following.walk import NOISY
 from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.newton.refinement import refine
 from multirod.solvers.starting.assembling import Closed, assemble
-from multirod.solvers.starting.letting_out import let_out, near_the_end
+from multirod.solvers.starting.judging import amplifies, falling
+from multirod.solvers.starting.letting_out import let_out, let_out_first, near_the_end
 from multirod.solvers.starting.multistart import lowest_stable, refuse_unstable
 from multirod.solvers.starting.releasing import Releasing
 from multirod.solvers.starting.standing_in import Eased, solve_stand_ins
-from multirod.stability import modes_of
 from multirod.stand_in import StandIn
 from multirod.status import BoolArray, IntArray, Status, failures
 from multirod.validation import FloatArray
@@ -117,8 +115,12 @@ class ColdStart:
             problem.stability.expect()  # as what is found is judged
         with self._searching():
             newton.allow(self.options.max_integrations)
-            handed = self.handed if self.options.fallback else None
-            self.outcome = outcome = natural_branch(problem, newton, self.options.max_continuation_steps, self.chosen, handed)
+            handed, steps = self.handed if self.options.fallback else None, self.options.max_continuation_steps
+            first = let_out_first(problem, newton, self.chosen, self._natural)
+            others = self.chosen & (first.status != Status.CONVERGED)
+            self.outcome = outcome = natural_branch(problem, newton, steps, others, handed)
+            outcome.integrations += first.integrations
+            outcome.iterations += first.iterations
             self.ends = problem.read("unknowns")
             self._leave_unstable(outcome)
             if not outcome.all_converged:
@@ -223,6 +225,9 @@ class ColdStart:
         outcome.breakpoints |= {int(places[k]): points for k, points in found.breakpoints.items()}
         self.problem.keep(part, places)
 
+    def _natural(self, some: BoolArray) -> Outcome:
+        return natural_branch(self.problem, self.newton, self.options.max_continuation_steps, some)
+
     def _let_out(self) -> None:
         """What ended beside a line at its kink, from where lines are longer."""
         problem, newton, outcome = self.problem, self.newton, self.outcome
@@ -230,8 +235,7 @@ class ColdStart:
         if not at_end.any():
             return
         newton.allow(self._allowed)
-        steps = self.options.max_continuation_steps
-        self.unbounded = let_out(problem, newton, outcome, at_end, lambda some: natural_branch(problem, newton, steps, some))
+        self.unbounded = let_out(problem, newton, outcome, at_end, self._natural)
         outcome.status[self.unbounded] = Status.LINES_TOO_SHORT  # no fold or bifurcation to be followed
 
     def _leave_beyond_rounding(self) -> None:
@@ -361,7 +365,7 @@ class ColdStart:
         creeping = lost & (self.tried == int(Status.MAX_ITERATIONS))
         if creeping.any():
             outcome.integrations += creeping
-            lost &= ~_amplifies(self.problem, creeping, self.ends, reached)
+            lost &= ~amplifies(self.problem, creeping, self.ends, reached)
         if not self._multistable:
             self._go_on(lost)
 
@@ -375,26 +379,3 @@ class ColdStart:
         lost &= ~said
         if lost.any():
             outcome.status[lost & self.problem.is_loose()] = Status.LOOSE
-
-
-def falling(problem: BoundaryProblem, outcome: Outcome, some: BoolArray) -> BoolArray:
-    """Which of some, (instance_count,), are unstable at the unknowns and inputs in the problem's buffers; an integration each."""
-    places, parts, stability = np.flatnonzero(some), problem.parts, problem.stability
-    result = np.zeros_like(some)
-    if not len(places) or parts is None or stability is None:
-        return result
-    outcome.integrations[places] += 1
-    result[places] = (modes_of(parts.of(places)).eigenvalue(0) < -SOFT) & stability.has_potential[places]
-    return result
-
-
-def _amplifies(problem: BoundaryProblem, some: BoolArray, unknowns: FloatArray, level: FloatArray) -> BoolArray:
-    """Of which of some instances an integration from the base may hide by rounding how they go on from ``unknowns`` at levels of
-    the load, all of the first axis instance_count."""
-    records = problem.snapshot()
-    problem.write("unknowns", np.where(some[:, None], unknowns, problem.read("unknowns")))
-    with problem.only(some), problem.at_load(np.where(some, level, 1.0)):
-        problem.integrate()
-    size = np.linalg.norm(np.nan_to_num(problem.read("gamma"), nan=np.inf), axis=1)
-    problem.restore(records)
-    return np.asarray(some & (size > NOISY))

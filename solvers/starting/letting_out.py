@@ -14,6 +14,7 @@ NEAR_END = 1e-3  # of the load, from its end, on which a line at its kink ends a
 HAIR = 1e-6  # by which lines are let out first, times one over the size of curvatures
 FINER = 1e-3  # of that, next
 AT_KINK = 1e-3  # unknown, beside the size of curvatures, of a line that is slack by a hair only
+BALANCED = 1e-9  # of displacements, by which their sum may differ from zero where one line is to be at its kink
 LAST = 0.3  # of the tolerance, by which lines are loose at the end
 
 
@@ -52,10 +53,17 @@ def at_kinks(problem: BoundaryProblem, unknowns: FloatArray) -> BoolArray:
 
 
 def let_out(
-    problem: BoundaryProblem, newton: Corrector, outcome: Outcome, chosen: BoolArray, find: Callable[[BoolArray], Outcome]
+    problem: BoundaryProblem,
+    newton: Corrector,
+    outcome: Outcome,
+    chosen: BoolArray,
+    find: Callable[[BoolArray], Outcome],
+    *,
+    tight: bool = False,
 ) -> BoolArray:
     """(L8c) Find those of the ``chosen`` where a line is at its kink: ``find`` leads to where lines are let out by a hair, and
-    Newton's method, of all unknowns or of those at the base, from there to where they are not.
+    Newton's method, of all unknowns or of those at the base, from there to where they are not; where it leads to none that is
+    slack by a hair only, it ends there as well if that is ``tight``.
 
     Returns:
         Which are at a kink but lead to no end: as the hair vanishes, their tensions rise without bound; (instance_count,).
@@ -83,7 +91,7 @@ def let_out(
     let(hair)
     found = find(chosen)
     spend(found)
-    here = chosen & ~failures(found.status) & (looseness() > 0)
+    here = chosen & ~failures(found.status) & ((looseness() > 0) | tight)
     going = here.copy()
     for stage in range(3):
         if not going.any():
@@ -103,6 +111,24 @@ def let_out(
     problem.write("unknowns", np.where(going[:, None], problem.read("unknowns"), before))
     outcome.status[going] = Status.CONVERGED
     return np.asarray(here & failures(outcome.status))
+
+
+def let_out_first(
+    problem: BoundaryProblem, newton: Corrector, chosen: BoolArray, find: Callable[[BoolArray], Outcome]
+) -> Outcome:
+    """The same before any other way of those whose displacements sum to zero and whose lines do not stretch, so that one is to be
+    at its kink; the others have not run."""
+    outcome = Outcome.zeros(len(chosen))
+    if not len(problem.kink_inputs):
+        return outcome
+    pulls = problem.read("inputs")[:, problem.kink_inputs]
+    size = np.abs(pulls).sum(axis=1)
+    some = chosen & (size > 0) & (np.abs(pulls.sum(axis=1)) <= BALANCED * size)
+    if not some.any() or not (some := some & ~problem.kinks_give()).any():
+        return outcome
+    outcome.status[some] = Status.STALLED
+    let_out(problem, newton, outcome, some, find, tight=True)
+    return outcome
 
 
 def loosened(problem: BoundaryProblem, unknowns: FloatArray) -> FloatArray:

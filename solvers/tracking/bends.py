@@ -10,7 +10,7 @@ from multirod.solver import Outcome
 from multirod.solvers.continuation.paths import Paths
 from multirod.solvers.following.follow import FINER
 from multirod.solvers.newton.iteration import Newton
-from multirod.solvers.starting.cold_start import falling
+from multirod.solvers.starting.judging import falling
 from multirod.status import BoolArray, Status, failures
 from multirod.validation import FloatArray
 

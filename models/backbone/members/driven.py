@@ -144,12 +144,21 @@ class DrivenLines(Lines):
                 rate[:, row] = np.where(size > 0, (1 + unknown / np.where(size > 0, size, 1.0)) / 2, 0.0)
         return stiffness, rate
 
+    def give(self) -> NDArray[np.bool_]:
+        """Whether one that is driven by its length stretches, shape (instance_count,)."""
+        return np.asarray(np.stack([self._compliance(k)[0] > 0 for k in self._conditions()]).any(axis=0))
+
+    def _compliance(self, k: int) -> tuple[FloatArray, FloatArray]:
+        """Of one that is driven by its length, and its natural length, shapes (instance_count,)."""
+        compliance, natural = np.moveaxis(self.problem.each(self._driven[k][1][:, 0, 1 - len(CONDITION) :][:, :2]), -1, 0)
+        return compliance, natural
+
     def stretch_energy(self, length: FloatArray) -> FloatArray:
         """What lines that are driven by their length store, less what their tensions would do if they were given [J], shape
         (instance_count,); ``length`` is that of each (instance_count, count)."""
         tension, total, mu = self.tension(), np.zeros(self.problem.instance_count), self._rounding()
         for k, unknown in self._conditions().items():
-            compliance, natural = np.moveaxis(self.problem.each(self._driven[k][1][:, 0, 1 - len(CONDITION) :][:, :2]), -1, 0)
+            compliance, natural = self._compliance(k)
             total += tension[:, k] * (compliance * tension[:, k] / 2 - length[:, k])
             if self._driven[k][0].slackens and mu.any():
                 unit, lever = self._units[k], self.problem.each(self._lever(k))
