@@ -1,5 +1,7 @@
 """Inputs for a target: reached, held at limits, out of reach; never unstable."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from constrained_step import step
@@ -14,6 +16,7 @@ from multirod.tasks.formulation import Task, input_units
 from multirod.tasks.limits import limit_rows, middle, nearest
 from multirod.tasks.reaching.goals import Goals
 from multirod.tasks.reaching.search import Search
+from multirod.tasks.rows import ON_TARGET
 
 SOLVER = mr.Shooting(integrator=mr.RK4(30))
 TUBES, MOTION = three_tubes()
@@ -386,8 +389,14 @@ def test_a_target_whose_equilibrium_is_past_a_fold_is_unstable():
     found = mr.reach(robot, pose, guess=start, **options)
     assert found.status is mr.Status.UNSTABLE
     assert np.isnan(found.tip_position).all()
+    assert found._aim.tolerance == ON_TARGET / robot.longest
     with pytest.raises(mr.SolveError, match=f"{1e3 * found.target_error:.3g} mm off the target"):
         found.raise_if_failed()
+    # of a search that was told to come as near as that alone, it is at the target
+    vars(found).update(_aim=replace(found._aim, tolerance=float(found.target_error) / robot.longest**2))
+    with pytest.raises(mr.SolveError, match="UNSTABLE") as said:
+        found.raise_if_failed()
+    assert "off the target" not in str(said.value)
     # target_error is that of where the search ended: a place on the way, solved for loosely
     there = mr.solve(robot, found.ended_at, solver=SOLVER, guess=start)
     assert found.target_error > 1e-3

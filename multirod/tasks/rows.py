@@ -17,6 +17,7 @@ from multirod.tasks.whitening import POSITION_ROWS, Kind, row_count, whitening
 from multirod.types import Numbers
 from multirod.validation import SMALLEST_AXIS, Described, FloatArray, array, first_of, measurement, nonnegative_float, refuse
 
+ON_TARGET = 4e-7  # of the longest rod, and rad, what is at a target: 0.16 um and 0.4 urad of 0.4 m
 NEARBY = LENGTH.high  # within which a place is nothing to warn of [m]
 PARTS = ("position", "rotation", "axis", "across", "along")  # of a pose
 SIGHTS = PARTS[3:]  # by which part of a position counts: both are kept as one ``direction``

@@ -20,7 +20,8 @@ from multirod.tasks.condensed_kernels import (
     sighted_rows,
     tilt,
 )
-from multirod.tasks.controlling.control_step_kernels import LEFT_OVER, ON_TARGET, Control, bounded, factor, holds, place_start
+from multirod.tasks.controlling.control_step_kernels import LEFT_OVER, Control, bounded, factor, holds, place_start
+from multirod.tasks.rows import ON_TARGET
 from multirod.tasks.watch_kernels import FAR, LOOK, NOTHING, stand, strayed
 
 f64 = wp.float64

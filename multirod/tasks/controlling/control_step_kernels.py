@@ -14,7 +14,6 @@ SOFTNESS = 1e-8  # of the largest number of J, squared: a ten thousandth of what
 SOFTER = 10.0  # times that, if a step is longer than it may be where the target is beyond reach, (16d)
 TIMES = 6
 LONGEST = 0.3  # step of a sample, in units (9)
-ON_TARGET = 4e-7  # of a target, in lengths of the longest rod and rad, within which a limit does not hold it back
 PULL = 0.05  # of the way to what is preferred, in a sample
 MOST_PULL = 0.03  # the most of it, in units (9)
 STEEP = 5.0  # (17c) q, from which the pull fades, and at twice of which there is none

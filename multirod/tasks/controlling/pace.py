@@ -11,7 +11,8 @@ import warp as wp
 
 from multirod.kernels.shared import Shared
 from multirod.tasks.controlling.control_kernels import ANGLE, ERROR, FREE, SURPRISE
-from multirod.tasks.controlling.control_step_kernels import LONGEST, MOST_PULL, ON_TARGET
+from multirod.tasks.controlling.control_step_kernels import LONGEST, MOST_PULL
+from multirod.tasks.rows import ON_TARGET
 from multirod.validation import FloatArray
 
 SHORTEST = 1e-4  # step of a sample, in units (9), after many that failed

@@ -27,7 +27,7 @@ from multirod.tasks.reaching.drive import expect_search
 from multirod.tasks.reaching.goals import Prefer
 from multirod.tasks.reaching.reached import Aim, Chosen, Ends, Reached, ShapeHolds, Start
 from multirod.tasks.reaching.trying import Work, held_by_shape, search_part
-from multirod.tasks.rows import Pose
+from multirod.tasks.rows import ON_TARGET, Pose
 from multirod.validation import (
     Described,
     FloatArray,
@@ -40,7 +40,6 @@ from multirod.validation import (
     refuse,
 )
 
-TOLERANCE = 4e-7  # of a target, in lengths of the longest rod and rad: 0.16 um and 0.4 urad of 0.4 m
 MAX_INTEGRATIONS = 300
 PREFERENCES = get_args(Prefer)
 
@@ -148,7 +147,7 @@ def reach(
         prefer=prefer,
         starts=starts,
         method=method,
-        tolerance=TOLERANCE / robot.longest if tolerance is None else positive_float("tolerance", tolerance),
+        tolerance=ON_TARGET / robot.longest if tolerance is None else positive_float("tolerance", tolerance),
         max_integrations=positive_int("max_integrations", max_integrations),
         device=device,
         batch_shape=shape,
@@ -179,7 +178,8 @@ def _with_axes(values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
 
 def _run(work: Work, status: NDArray[np.int32], spent: NDArray[np.int32], threads: int) -> Reached[Any]:
     whole, of_shape = _Part.joined(_found(work, status, spent, threads)), work.of_shape
-    aim = Aim(work.target, work.free, work.limits, work.unit, () if of_shape is None else of_shape.shape_names, whole.weight)
+    shapes = () if of_shape is None else of_shape.shape_names
+    aim = Aim(work.target, work.free, work.limits, work.unit, shapes, whole.weight, work.tolerance)
     chosen = Chosen(work.inputs, work.free, whole.places, work.batch_shape)
     scene = Scene(work.robot, work.batch_shape, work.method.integrator, work.device, whole.fields, chosen, threads=threads)
     result: Reached[Any] = Reached(scene, whole.records, Outcome(*whole.ended), aim, whole.ends)

@@ -3,7 +3,7 @@
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import prod
+from math import nan, prod
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from multirod.tasks.rows import Pose
 from multirod.types import Index
 from multirod.validation import FloatArray, frozen
 
-AT_TARGET = 1e-6  # of the longest rod, by which a search that ended unstable may be off
+SETTLED = 2.0  # tolerances of a target, by which one that was met may be off once the rest of the robot is at rest
 
 
 @dataclass
@@ -102,6 +102,7 @@ class Aim:
         unit: (9) of ``docs/tasks.md``, shape (k,).
         shape_names: Names of the limits of shapes that there are.
         weight: Of rows of the position and of angles, shape (2,).
+        tolerance: Of the search, in these rows [1/m]; NaN of older files, which do not say.
     """
 
     target: Pose
@@ -110,6 +111,7 @@ class Aim:
     unit: FloatArray
     shape_names: tuple[str, ...]
     weight: FloatArray
+    tolerance: float = nan
 
 
 @dataclass(frozen=True)
@@ -249,7 +251,7 @@ class Reached(Solution[Robot_co]):
         """Also whether it is off the target, and what there is to know of where it began."""
         said = super()._named(status, instance)
         missed = float(np.ravel(self.target_error)[instance])
-        if status is Status.UNSTABLE and missed > AT_TARGET * self.robot.longest:
+        if status is Status.UNSTABLE and missed * self._aim.weight[0] > SETTLED * self._aim.tolerance:
             said += f"; and it is {1e3 * missed:.3g} mm off the target, which may be out of reach: with starts= others are tried"
         if self._start is None or (began := self._start.status(instance)).failed:
             return said
