@@ -283,6 +283,10 @@ class Segments(ABC):
     def propagate(self, cuts: Cuts, level: FloatArray) -> Propagation:
         """Integrate segments in one launch, those of each instance at a level of the load, (count,)."""
 
+    def lead(self, cuts: Cuts, level: FloatArray) -> Propagation:
+        """The same where only states, residuals and faults are asked for: what varies may be left out, no columns of it."""
+        return self.propagate(cuts, level)
+
     @abstractmethod
     def difference(self, instances: IntArray, states: FloatArray, others: FloatArray) -> FloatArray:
         """Variations that lead from ``others`` to ``states``, each of an instance of ``instances`` (count,), shape (count, d)."""

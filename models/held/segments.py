@@ -195,7 +195,10 @@ class HeldSegments(BackboneSegments):
         result[:, kept, kept] = 1.0
         return result
 
-    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct) -> Propagation:
+    def lead(self, cuts: Cuts, level: FloatArray) -> Propagation:  # noqa: D102
+        return self.propagate(cuts, level)
+
+    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct, columns: int | None = None) -> Propagation:
         found = self._launched(cuts, level, table)
         begin = self._beginning(cuts.instances, cuts.unknowns, level)
         transition = self._transitions(cuts, found)

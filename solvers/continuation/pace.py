@@ -14,6 +14,7 @@ COARSEST = 0.7  # turn of a rod in a step of the integrator [rad]: one of RK4 is
 CREEPING = 100  # steps to the full load, at the pace of the last, of what does
 ROUNDS = 64  # integrations after each of which it is asked whether a rod creeps
 MOST_STEPS = 32 * 65_536  # of the integrator for each rod, in all integrations of a way: one second
+SINGLE_STEPS = 20 * 65_536  # of single rods under loads, beyond the end of a branch
 PACED, TIMES = 100, 2.0  # steps, by the pace of the last of which a way is given up that would take so many times what is left
 LONG = 1000  # steps of a way, of which that is asked: shorter ones are soon over
 UNASKED = LONG - 1  # steps of the longest way of which it is not

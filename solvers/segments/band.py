@@ -374,7 +374,7 @@ def _near_one(shift: FloatArray, left: FloatArray) -> BoolArray:
     power, bound, E = 1.0, np.full(len(shift), np.inf), np.where(finite[:, None, None], shift, 0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # a power that is too large bounds nothing
         while power <= RATIO_POWERS:
-            bound = np.fmin(bound, np.linalg.norm(E, axis=(1, 2)) ** (1 / power))
+            bound = np.fmin(bound, np.sqrt((E * E).sum(axis=(1, 2))) ** (1 / power))
             if (bound < 0.5 * (1 - SMALLEST_RATIO)).all():
                 break
             E, power = E @ E, 2 * power

@@ -74,6 +74,7 @@ class SegmentedEquilibria:
         self._numbers = np.full(int(self.instances.max(initial=-1)) + 1, -1)
         self._numbers[self.instances] = np.arange(count)
         self._rooms: dict[tuple[int, ...], Room] = {}
+        self._last: Systems | None = None
         self.neutral: Neutral | None = None  # along what no step of any instance goes
 
     def of(self, instances: IntArray, tolerance: FloatArray, allowed: IntArray) -> Self:
@@ -94,13 +95,13 @@ class SegmentedEquilibria:
         """Which of all instances those of ``cuts`` are."""
         return np.asarray(self._numbers[cuts.instances])
 
-    def evaluate(self, cuts: Cuts, level: FloatArray) -> Place:
-        """All segments, once; each instance's at a level of the load, (count,)."""
-        found = self._ask(cuts, level)
+    def evaluate(self, cuts: Cuts, level: FloatArray, *, columns: bool = True) -> Place:
+        """All segments, once; each instance's at a level of the load, (count,); whether what varies is asked for too."""
+        found = self._ask(cuts, level, columns=columns)
         self._fault[self._of(cuts)] = found.fault
         return Place(cuts, found)
 
-    def _ask(self, cuts: Cuts, level: FloatArray) -> Propagation:
+    def _ask(self, cuts: Cuts, level: FloatArray, *, columns: bool = True) -> Propagation:
         """Where segments lead; the fault is ``SPENT`` where that would be one integration too many."""
         mine = self._of(cuts)
         able = self.integrations[mine] < self.allowed[mine]
@@ -108,7 +109,7 @@ class SegmentedEquilibria:
         # more segments than that are more steps than an integration from base to tip takes
         self.integrations[mine[able]] += np.maximum(1, cuts.counts[able] // COUNTED_AS_ONE)
         if able.all():
-            return self.segments.propagate(cuts, level)
+            return self.segments.propagate(cuts, level) if columns else self.segments.lead(cuts, level)
         nothing = self._nothing(cuts)
         if not able.any():
             return nothing
@@ -160,10 +161,14 @@ class SegmentedEquilibria:
 
     def systems(self, place: Place) -> Systems:
         """The Jacobians there."""
-        own = self.neutral
+        last, own = self._last, self.neutral
+        if last is not None and last.found is place.found and last.cuts is place.cuts and own is None:
+            return last  # which may be factored already
         if own is not None:
             own = Neutral(own.right[self._of(place.cuts)], own.left[self._of(place.cuts)])
-        return Systems(place.cuts, place.found, self.segments.unknown_places, self.segments.device, self._rooms, own)
+        segments = self.segments
+        self._last = Systems(place.cuts, place.found, segments.unknown_places, segments.device, self._rooms, own)
+        return self._last
 
     def rounding(self, place: Place) -> FloatArray:
         """What rounding of the unknowns leaves of the residual of an integration from base to tip [1/m], (3), shape (count,)."""
@@ -221,9 +226,10 @@ class SegmentedEquilibria:
             _, step, there, able = self._linearised(place)
             size = step.norm(cuts)
             slow = able & (size > CONTRACTION * last[on])
-            rounding = ROUNDING * (1 + np.abs(cuts.unknowns).max(axis=1)) * np.sqrt(self._sizes(cuts))
-            self._stalled[mine[on][slow]] = (size <= rounding)[slow]
-            able &= ~slow
+            if slow.any():
+                rounding = ROUNDING * (1 + np.abs(cuts.unknowns).max(axis=1)) * np.sqrt(self._sizes(cuts))
+                self._stalled[mine[on][slow]] = (size <= rounding)[slow]
+                able &= ~slow
             numbers = mine[on][able]
             self._contraction[numbers] = np.maximum(self._contraction[numbers], size[able] / last[on][able])
             there |= able & (size <= near[on])
@@ -287,7 +293,7 @@ class SegmentedEquilibria:
     def tangent(self, place: Place, level: FloatArray, safe: FloatArray) -> tuple[Systems, Step]:
         """The systems here, and the rate of all unknowns with the load; ``safe`` are levels that change little."""
         h = PROBE * np.maximum(level, np.minimum(1.0, safe))
-        ahead, here = self.gaps(self.evaluate(place.cuts, level + h)), self.gaps(place)
+        ahead, here = self.gaps(self.evaluate(place.cuts, level + h, columns=False)), self.gaps(place)
         systems = self.systems(place)
         rate = systems.solve(Step(-(ahead.own - here.own), -(ahead.rows - here.rows))).times(place.cuts, 1 / h)
         lost = (self._fault[self._of(place.cuts)] != 0) | systems.singular
@@ -321,6 +327,7 @@ class SegmentedEquilibria:
             coarse = np.zeros(len(cuts.steps), dtype=bool)
             if (open_ := ~checked[on]).any():
                 coarse[open_[owner]] = self._coarse(here.chosen(open_), level[on][open_])
+            coarse &= (here.found.fault != int(Fault.STEP_LIMIT))[owner]  # more of the same are too many as well
             finer = np.logical_or.reduceat(coarse, cuts.first[:-1])
             long = (self.segments.growth(cuts, here.found) > most) | (cuts.steps > MOST_STEPS)
             long &= ~finer[owner] & (self._fault[mine] == 0)[owner]

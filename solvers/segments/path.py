@@ -129,7 +129,8 @@ class SegmentedPaths(SegmentedEquilibria):
     def _end(self, results: Results, good: BoolArray, otherwise: Status) -> BoolArray:
         """End those that are not ``good``, (count,); which are on their way."""
         ended = (results.status == Status.NOT_RUN) & ~good
-        results.status[ended] = self._why(ended, otherwise)
+        if ended.any():
+            results.status[ended] = self._why(ended, otherwise)
         return np.asarray(results.status == Status.NOT_RUN)
 
     def _advance(self, results: Results, on: BoolArray, safe: FloatArray) -> None:

@@ -62,15 +62,16 @@ class Chain:
         segment.steps = wp.zeros(count, dtype=wp.int32, device=device)
         for name in ("start", "end"):
             setattr(segment, name, wp.zeros(count, dtype=wp.float64, device=device))
-        for name in ("at_tip", "fault"):
+        for name in ("at_tip", "fault", "taken"):
             setattr(segment, name, wp.zeros(count, dtype=wp.int32, device=device))
         for name in ("state", "end_state"):
             setattr(segment, name, wp.zeros((count, self.state.size), dtype=wp.float64, device=device))
         segment.columns = wp.zeros((count, d + 3, d + loads), dtype=wp.float64, device=device)
         self._segment, tableau = segment, problem.integrator.tableau
-        names = ("state", "start", "end", "at_tip", "fault", "end_state", "columns")
+        names = ("state", "start", "end", "at_tip", "fault", "taken", "end_state", "columns")
         # copies by Warp take as long as a segment, and are not needed where the memory is NumPy's too
         self._shared = {name: getattr(segment, name).numpy() for name in names} if problem.on_host else None
+        self._unknowns = self.call.problem.unknowns.numpy() if problem.on_host else None
         self._launch = record(
             partial(make_segment_kernel, self.features, tableau, lanes),
             threads(self.call, count),
@@ -91,9 +92,12 @@ class Chain:
 
     def begin(self) -> None:
         """Let segments from the base begin as the problem's unknowns say."""
+        self.problem.heed_stop()
+        if self._unknowns is not None:
+            self._unknowns[:, self.whole] = self.problem.read("unknowns")
+            return
         unknowns = np.zeros((self.problem.instance_count, self.variations.size))
         unknowns[:, self.whole] = self.problem.read("unknowns")
-        self.problem.heed_stop()
         self.call.problem.unknowns.assign(unknowns)
 
     def over(self, states: FloatArray, start: FloatArray, end: FloatArray, *, last: bool) -> tuple[FloatArray, ...]:
@@ -106,18 +110,19 @@ class Chain:
 
         Returns:
             States where they end; how these vary by those where they begin, and along the ``loads``, then how the position does
-            along the axes of the base, (instance_count, variations.size + 3, variations.size + loads); faults.
+            along the axes of the base, (instance_count, variations.size + 3, variations.size + loads); faults; steps taken.
         """
         segment, shared = self._segment, self._shared
         if shared is not None:
             for name, values in (("state", states), ("start", start), ("end", end), ("at_tip", last), ("fault", 0)):
                 shared[name][...] = values
             self._launch.launch()
-            return shared["end_state"].copy(), shared["columns"], shared["fault"]
+            return shared["end_state"].copy(), shared["columns"], shared["fault"], shared["taken"]
         segment.state.assign(states)
         segment.start.assign(start)
         segment.end.assign(end)
         segment.at_tip.fill_(int(last))
         segment.fault.zero_()
         self._launch.launch()
-        return np.array(segment.end_state.numpy()), segment.columns.numpy(), segment.fault.numpy()
+        found = segment.end_state, segment.columns, segment.fault, segment.taken
+        return tuple(np.array(own.numpy()) for own in found)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
+from multirod.batch import IntArray
 from multirod.kernels.warp_types import Struct
 from multirod.launch import record
 from multirod.models.backbone.kernels.integration.segments import SegmentCall, make_segment_kernel
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 
 NODES_KEPT = 1024  # of all instances, of a launch over nodes that is kept for the next
 STEPS_ALLOWED = 16384  # of a segment: numbers that overflow on its equal steps would go on by ever shorter ones
-WHOLE = ("instance", "at_tip", "steps", "fault")  # numbers of a segment
+WHOLE = ("instance", "at_tip", "steps", "fault", "taken")  # numbers of a segment
+GIVEN = ("instance", "at_tip", "steps", "start", "end", "state")
 FOUND = ("end_state", "columns", "fault", "energy", "work", "line_length")
 
 
@@ -63,7 +65,7 @@ class Room:
         shapes["line_length"] = ((capacity, problem.drive_count), wp.float64)
         self._arrays = {name: wp.zeros(shape, dtype=kind, device=device) for name, (shape, kind) in shapes.items()}
         self._views = {name: a.numpy() for name, a in self._arrays.items()} if wp.get_device(device).is_cpu else {}
-        self._count = 0  # of the last launch
+        self._count, self._lanes = 0, lanes  # segments of the last launch
         self._seg: Any = SegmentCall()
         self._seg.given = int(given)
         for name, array in self._arrays.items():
@@ -78,23 +80,39 @@ class Room:
 
     def run(self, count: int, given: dict[str, Any]) -> dict[str, Any]:
         """What a launch over ``count`` segments finds, of each; ``given`` is what it is told of them."""
-        for name, array in self._arrays.items():
-            values = given.get(name, 0)
-            if self._views:
-                self._views[name][:count] = values
-            elif name in given:
-                array[:count].assign(np.ascontiguousarray(values).astype(array.numpy().dtype))
-            else:
-                array.zero_()
+        order = self._longest_first(given["steps"])
+        if self._views:
+            for name in GIVEN:
+                self._views[name][:count] = given[name] if order is None else given[name][order]
+            for name in FOUND:
+                self._views[name][:count] = 0
+        else:
+            for name, array in self._arrays.items():
+                if name in given:
+                    array[:count].assign(np.ascontiguousarray(given[name]).astype(array.numpy().dtype))
+                else:
+                    array.zero_()
         if count != self._count:
             self._count = count
             self._seg.instance = self._arrays["instance"][:count]
             self._launch.set_param_at_index(3, self._seg)
             self._launch.set_dim(threads(self.call, count))
         self._launch.launch()
+        if order is not None:
+            back = np.argsort(order)
+            return {name: self._views[name][back] for name in FOUND}
         if self._views:
             return {name: self._views[name][:count].copy() for name in FOUND}
         return {name: self._arrays[name].numpy()[:count] for name in FOUND}
+
+    def _longest_first(self, steps: IntArray) -> IntArray | None:
+        """In which order segments of so many steps keep the lanes busy to the end, as each takes the next; None if in any.
+
+        No lane changes what another finds, bit by bit.
+        """
+        if not self._views or len(steps) <= self._lanes or steps.min() == steps.max():
+            return None
+        return np.argsort(-steps, kind="stable")
 
 
 class NodeRooms:

@@ -15,7 +15,7 @@ from multirod.models.backbone.kernels.layout.layout import breakpoint_state, of_
 from multirod.models.backbone.passes.buffers import NODE_FIELDS, TOTALS
 from multirod.models.backbone.segments.growth import amplified
 from multirod.models.backbone.segments.room import NodeRooms, Room
-from multirod.models.backbone.segments.working import by_work, held_form, work
+from multirod.models.backbone.segments.working import added_up, by_work, held_form, work
 from multirod.models.backbone.stability.condensing.by_places import form_by_places
 from multirod.models.backbone.stability.condensing.by_segments import form_by_segments
 from multirod.models.backbone.stability.condensing.second_variation import MOST_NODES, CondensedForm, segments_needed
@@ -31,6 +31,7 @@ from multirod.validation import FloatArray
 if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
+CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])  # of a quaternion
 WAVES = 4.0  # radians of waves in a medium, by which a segment amplifies a variation some twentyfold
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
 
@@ -66,6 +67,8 @@ class BackboneSegments(Segments):
         own.residual = wp.zeros((count, m), dtype=wp.float64, device=device)
         own.gamma = wp.zeros((count, m, d), dtype=wp.float64, device=device)
         own.residual_directions = wp.zeros((count, m, max(problem.direction_count, 1)), dtype=wp.float64, device=device)
+        names = ("load_factor", "unknowns", "residual", "gamma", "residual_directions")
+        self._views = {name: getattr(own, name).numpy() for name in names} if problem.on_host else {}
         if problem.held:
             self.call.wrench.values = wp.zeros((count, 6), dtype=wp.float64, device=device)
             shape = (count, 6, d + max(problem.direction_count, 1))
@@ -86,7 +89,7 @@ class BackboneSegments(Segments):
         # (5d) of docs/solvers.md: force and position vary along the axes of the rod at its base
         self._force_unit = np.broadcast_to(problem.arrays.material[:, 0, 0, :2].max(axis=1) / self._scale, (count,))
         self._conjugates = np.concatenate([np.arange(d)[self._varied.places[name]] for name in names])
-        self._rooms: dict[int, Room] = {}
+        self._rooms: dict[tuple[int, int], Room] = {}
         self._node_rooms = NodeRooms(self)
 
     @property
@@ -113,7 +116,8 @@ class BackboneSegments(Segments):
     def difference(self, instances: IntArray, states: FloatArray, others: FloatArray) -> FloatArray:  # noqa: D102
         result = np.zeros((len(states), self.variation_size))
         result[:, :3] = (states[:, :3] - others[:, :3]) / self._stiffness[instances]
-        turn = quaternion_product(self._quaternions(others) * (-1.0, -1.0, -1.0, 1.0), self._quaternions(states))
+        frames = self._quaternions(np.concatenate([others, states]))
+        turn = quaternion_product(frames[: len(others)] * CONJUGATE, frames[len(others) :])
         result[:, self._varied.places["rotation"]] = of_quaternions(turn) / self._scale[instances, None]
         result[:, self._added] = (states[:, self._sums] - others[:, self._sums]) / self._units[instances]
         for slot, variation, unit in self._along_base(instances):
@@ -164,13 +168,18 @@ class BackboneSegments(Segments):
 
     # ---- launches ----
 
+    def _seen(self, name: str) -> FloatArray:
+        """An array of the launches' own: on the CPU itself, as NumPy sees it, else a copy."""
+        view = self._views.get(name)
+        return np.asarray(getattr(self.call.problem, name).numpy()) if view is None else view
+
     def _load(self, cuts: Cuts, level: FloatArray, call: Struct) -> dict[str, Any]:
         """Set the levels and unknowns of instances; what a launch over all segments is told of each of these."""
         own = call.problem
-        levels, unknowns = own.load_factor.numpy(), own.unknowns.numpy()
+        levels, unknowns = self._seen("load_factor"), self._seen("unknowns")
         levels[cuts.instances] = level
-        unknowns[np.ix_(cuts.instances, self.unknown_places)] = cuts.unknowns
-        if not wp.get_device(self.device).is_cpu:  # there they are the arrays themselves
+        unknowns[cuts.instances[:, None], self.unknown_places] = cuts.unknowns
+        if not self._views:  # else they are the arrays themselves
             own.load_factor.assign(levels)
             own.unknowns.assign(unknowns)
         owner = cuts.owner
@@ -182,37 +191,40 @@ class BackboneSegments(Segments):
     def propagate(self, cuts: Cuts, level: FloatArray) -> Propagation:  # noqa: D102
         return self._propagate(cuts, level, self.table)
 
-    def _launched(self, cuts: Cuts, level: FloatArray, table: Struct) -> dict[str, Any]:
-        """What a launch over all segments finds."""
+    def lead(self, cuts: Cuts, level: FloatArray) -> Propagation:  # noqa: D102
+        return self._propagate(cuts, level, self.table, 0)
+
+    def _launched(self, cuts: Cuts, level: FloatArray, table: Struct, columns: int | None = None) -> dict[str, Any]:
+        """What a launch over all segments finds, with so many columns by their states, all by default."""
         self.problem.heed_stop()
         count = len(cuts.start)
-        return self._room(count, table).run(count, self._load(cuts, level, self.call))
+        return self._room(count, table, columns).run(count, self._load(cuts, level, self.call))
 
-    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct) -> Propagation:
-        own, d = self.call.problem, self.variation_size
-        found = self._launched(cuts, level, table)
+    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct, columns: int | None = None) -> Propagation:
+        d = self.variation_size
+        found = self._launched(cuts, level, table, columns)
         end, values = found["end_state"], found["columns"]
         position = self._state.places["position"]
         mine = cuts.instances
-        slopes = own.residual_directions.numpy()[mine, :, : self.direction_count]
+        slopes = self._seen("residual_directions")[mine, :, : self.direction_count]
         return Propagation(
             end=end,
             transition=values[:, :d],
-            residual=np.array(own.residual.numpy()[mine]),
-            residual_columns=np.concatenate([own.gamma.numpy()[mine], slopes], axis=2),
+            residual=self._seen("residual")[mine],
+            residual_columns=np.concatenate([self._seen("gamma")[mine], slopes], axis=2)[:, :, : values.shape[2]],
             displacement=end[:, position] - cuts.states[:, position],
             displacement_columns=values[:, d:],
             fault=np.maximum.reduceat(found["fault"], cuts.first[:-1]),
         )
 
-    def _room(self, count: int, table: Struct) -> Room:
+    def _room(self, count: int, table: Struct, columns: int | None) -> Room:
         """Room for so many segments and more, kept for the next launch over about as many."""
-        capacity = 1 << max(count - 1, 3).bit_length()
-        room = self._rooms.get(capacity)
+        key = capacity, columns = 1 << max(count - 1, 3).bit_length(), self._varied.size if columns is None else columns
+        room = self._rooms.get(key)
         if room is None or room.table is not table:
-            room = self.make_room(self.features, self.call, table, capacity, self._varied.size)
+            room = self.make_room(self.features, self.call, table, capacity, columns)
             if table is self.table:
-                self._rooms[capacity] = room
+                self._rooms[key] = room
         return room
 
     def make_room(self, features: Features, call: Struct, table: Struct, capacity: int, columns: int) -> Room:
@@ -259,7 +271,7 @@ class BackboneSegments(Segments):
         found = self.propagate(cuts, full)
         states = cuts.states.copy()
         if not self.features.loads_by_place:
-            states[:, self._state.places["position"]] = _added_up(found.displacement, cuts) - found.displacement
+            states[:, self._state.places["position"]] = added_up(found.displacement, cuts) - found.displacement
         states[:, self._state.places["lengths"]] = 0.0  # those of segments are asked for
         placed = replace(cuts, states=states, steps=0 * cuts.steps)
         options: dict[str, Any] = {
@@ -382,12 +394,3 @@ class BackboneSegments(Segments):
         taut = self.problem.lines.taut()[cuts.instances]
         own, size = W[:, 3:, 3:] - stretch, np.ones(len(last))
         return without_tensions(form, W[:, :3, 3:], W[:, 3:, :3], own, size, taut)
-
-
-def _added_up(values: FloatArray, cuts: Cuts) -> FloatArray:
-    """Values of segments (segment_count, 3), each added to those before it in its instance."""
-    result, counts = values.copy(), cuts.counts
-    for k in range(1, int(counts.max())):
-        rows = cuts.first[:-1][counts > k] + k
-        result[rows] += result[rows - 1]
-    return result

@@ -39,3 +39,12 @@ def held_form(segments: "BackboneSegments", cuts: Cuts) -> CondensedForm:
     ends, moment = base[cuts.owner] @ segments._matrices(states), states[cuts.first[1:] - 1, :3]
     units = work(segments, cuts), segments._scale[chosen]
     return held_form_by_places(transition, ends, cuts.first, *units, base @ segments._axes(chosen), moment)
+
+
+def added_up(values: FloatArray, cuts: Cuts) -> FloatArray:
+    """Values of segments (segment_count, 3), each added to those before it in its instance."""
+    result, counts = values.copy(), cuts.counts
+    for k in range(1, int(counts.max())):
+        rows = cuts.first[:-1][counts > k] + k
+        result[rows] += result[rows - 1]
+    return result

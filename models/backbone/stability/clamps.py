@@ -74,6 +74,7 @@ class ClampedBackbones:
         self.moments = np.zeros((count, clamps, self.each))
         self.turned, self.moved = np.zeros((count, clamps, self.each, columns)), np.zeros((count, clamps, 3, columns))
         self.frames, self.places = np.zeros((count, clamps, 3, 3)), np.zeros((count, clamps, 3))
+        self._states = np.zeros((count, pieces, self._state.size))
 
     def _edges(self) -> tuple[FloatArray, BoolArray]:
         """Where pieces begin and end [m], shape (instance_count, pieces + 1), and which moments a clamp adds, the others being of
@@ -108,33 +109,37 @@ class ClampedBackbones:
         columns = np.zeros((count, d, self.turned.shape[-1]))
         columns[:, chain.whole, range(n)] = 1.0
         moved = np.zeros((count, 3, columns.shape[2]))
-        fault, base = np.zeros(count, dtype=np.int32), np.broadcast_to(problem.table.base_rotation.numpy(), (count, 3, 3))
+        base = np.broadcast_to(problem.table.base_rotation.numpy(), (count, 3, 3))
+        fault, taken = np.zeros((2, count), dtype=np.int32)
         for piece in range(self.pieces):
             last = piece == self.pieces - 1
-            state, found, own_fault = chain.over(state, edges[:, piece], edges[:, piece + 1], last=last)
-            begin, fault = columns, np.maximum(fault, own_fault)
+            state, found, own_fault, own_taken = chain.over(state, edges[:, piece], edges[:, piece + 1], last=last)
+            begin, fault, taken = columns, np.maximum(fault, own_fault), taken + own_taken
             onward = self._onward(found[:, d:], begin)
             moved = onward if self._features.loads_by_place else moved + onward
             columns = self._onward(found[:, :d], begin)
             if last:
                 break
-            self.frames[:, piece] = base @ from_quaternions(state[:, frame_at])
-            self.places[:, piece] = self._in_world(base, state)
-            self.moved[:, piece] = base @ moved
+            self._states[:, piece], self.moved[:, piece] = state, base @ moved
             self.turned[:, piece] = columns[:, self._worked] * scale[:, None, None]
             held, first = there[:, piece], n + self.loads + self.each * piece
             state[:, self._added] += np.where(held, self.unit * self.moments[:, piece], 0.0)
             columns[:, self._varied, range(first, first + self.each)] += held
             self.turned[:, piece][~held] = 0.0
             self.turned[:, piece, range(self.each), range(first, first + self.each)] -= np.where(held, 0.0, scale[:, None])
-        frame = base @ from_quaternions(state[:, frame_at])
-        problem.write("position", self._in_world(base, state))
+        self._states[:, -1] = state
+        frames = from_quaternions(self._states.reshape(-1, self._state.size)[:, frame_at]).reshape(count, -1, 3, 3)
+        frames = base[:, None] @ frames
+        position = problem.table.base_position.numpy()
+        places = position[:, None] + np.einsum("bij,bkj->bki", base, self._states[:, :, self._state.places["position"]])
+        self.frames, self.places, frame = frames[:, :-1], places[:, :-1], frames[:, -1]
+        problem.write("position", places[:, -1])
         if self._features.turning_count:
             self._write_turned(frame, state, columns, base @ moved, scale)
         else:
             problem.write("rotation", frame.reshape(count, 9))
             turn = frame @ (columns[:, self._turn] * scale[:, None, None])
-            problem.pose_columns.assign(self._by_all(np.concatenate([base @ moved, turn], axis=1)))
+            problem.set_buffer("pose_columns", self._by_all(np.concatenate([base @ moved, turn], axis=1)))
         if problem.held:
             problem.tip_wrench.assign(wrench.values.numpy())
             problem.wrench_columns.assign(self._by_all(self._onward(wrench.columns.numpy(), begin)))
@@ -143,8 +148,9 @@ class ClampedBackbones:
             columns = np.concatenate([own.gamma.numpy(), own.residual_directions.numpy()[..., : self.loads]], axis=2)
             gamma = self._onward(columns, begin)
             problem.write("gamma", gamma[..., :n].reshape(count, n * n))
-            problem.residual_directions.assign(self._by_all(gamma)[..., n:])
-        problem.fault.assign(fault)
+            problem.set_buffer("residual_directions", self._by_all(gamma)[..., n:])
+        problem.set_buffer("fault", fault)
+        problem.set_buffer("step_count", taken)
 
     def _write_turned(
         self, frame: FloatArray, state: FloatArray, columns: FloatArray, moved: FloatArray, scale: FloatArray
@@ -171,12 +177,6 @@ class ClampedBackbones:
         result = found[..., :d] @ begin
         result[..., n : n + self.loads] += found[..., d:]
         return np.asarray(result)
-
-    def _in_world(self, base: FloatArray, state: FloatArray) -> FloatArray:
-        """Where states are [m], shape (instance_count, 3)."""
-        return np.asarray(
-            self.problem.table.base_position.numpy() + np.einsum("bij,bj->bi", base, state[:, self._state.places["position"]])
-        )
 
     def _by_all(self, values: FloatArray) -> FloatArray:
         """Columns by unknowns, loads and moments as the problem has them: zero by the moments of other rods."""

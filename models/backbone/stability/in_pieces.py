@@ -111,7 +111,7 @@ class _Rods:
         states = np.zeros((count, chain.state.size))
         chain.begin()
         for k, (start, end) in enumerate(pairwise(edges)):
-            states, columns, fault = chain.over(states, start, end, last=k == number - 1)
+            states, columns, fault, _ = chain.over(states, start, end, last=k == number - 1)
             sound &= fault == 0
             transition[:, k] = self._transition(columns, start, end)
         found = to_tips(transition.reshape(-1, *transition.shape[2:]), number * np.arange(count + 1), order)

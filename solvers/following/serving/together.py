@@ -64,7 +64,7 @@ class Together:
     ) -> None:
         self.part, self.before, self.after = part, before, part.read("inputs")
         self.levels = np.ones(part.instance_count)
-        self._most_steps = MOST_STEPS * len(part.blocks)
+        self.most_steps = MOST_STEPS * len(part.blocks)
         self._calm = starts
         self._steps = np.zeros(part.instance_count, dtype=np.int64)  # of all integrations
         self._each = np.full(part.instance_count, 2**31)  # of the shortest, as which those go that are not counted
@@ -108,7 +108,7 @@ class Together:
     def _next(self, runs: dict[int, Run], asked: dict[int, Request], k: int, answer: object) -> None:
         asked.pop(k, None)
         try:
-            asked[k] = runs[k].send(answer) if self._steps[k] <= self._most_steps else runs[k].throw(Spent())
+            asked[k] = runs[k].send(answer) if self._steps[k] <= self.most_steps else runs[k].throw(Spent())
         except StopIteration:
             del runs[k]
 
@@ -141,7 +141,7 @@ class Together:
         self._steps[places] += taken
         residual, gamma = part.read("residual")[places], part.read("gamma").reshape(-1, n, n)[places]
         residual[part.buffer("fault")[places] != 0] = np.nan
-        return residual, gamma, self._steps[places] > self._most_steps
+        return residual, gamma, self._steps[places] > self.most_steps
 
     def points(self, places: IntArray) -> Points:
         """As ``many.Server`` says."""
@@ -220,7 +220,7 @@ class Together:
         asked = {k: request for k, request in asked.items() if request.most == most}  # the others come next
         for k, request in asked.items():
             self.levels[k] = request.level
-        steps = np.minimum(SETTLING_STEPS * len(self.part.blocks), self._most_steps - self._steps)
+        steps = np.minimum(SETTLING_STEPS * len(self.part.blocks), self.most_steps - self._steps)
         with self._placed(self.part):
             return settle(self.part, asked, self._periods, self._steps, steps, raised=self.before is None)
 

@@ -43,6 +43,7 @@ class SegmentCall:
     end_state: wp.array2d[wp.float64]
     columns: wp.array3d[wp.float64]  # of the end: variations in the units of the unknowns, position [m], (.., d + 3, column)
     fault: wp.array[int]
+    taken: wp.array[int]  # steps of the integrator
     energy: wp.array[wp.float64]
     work: wp.array[wp.float64]
     line_length: wp.array2d[wp.float64]
@@ -55,7 +56,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
     own, grid, base, tip, record = parts.own, parts.grid, parts.base, parts.tip, parts.record
     layout, memory_type = own.layout, own.memory_type
     first_column, column_count, begin, onto_stretch = own.first_column, own.column_count, own.begin, own.onto_stretch
-    force_at, precurvature_here, cause = own.force_at, own.precurvature_here, own.cause
+    force_at, precurvature_here, cause, step_count = own.force_at, own.precurvature_here, own.cause, own.step_count
     load_until, load_rate_until, output_arclength = grid.load_until, grid.load_rate_until, grid.output_arclength
     make_base_of, base_force, base_state, base_column = base.make_base_of, base.base_force, base.base_state, base.base_column
     unknown_unit, base_force_unit = base.unknown_unit, base.force_unit
@@ -340,6 +341,7 @@ def make_segment_kernel(features: Features, tableau: Tableau, W: int = 8):
                 if wp.static(CONDITIONS > 0):
                     total += write_conditions(rods, call, case, y)
             seg.fault[t] = int(call.lane[p, FAULT])
+            seg.taken[t] = step_count(memory, o, l)
         first = first_column(call, job)
         for c in range(column_count(call, job)):
             v = column_in(case, memory, o, l, c)
