@@ -149,17 +149,18 @@ def test_what_a_study_may_take_is_spent_by_all_that_integrates(wire: mr.SingleRo
             mr.Shooting().solve(problem)
 
 
-def test_damped_dynamics_take_their_part_of_the_steps_of_a_way(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("place", "name"), [("serving.together", "MOST_STEPS"), ("follow", "SINGLE_STEPS")])
+def test_damped_dynamics_take_their_part_of_the_steps_of_a_way(place: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """They were counted as one integration, however many they took."""
-    from multirod.solvers.following.serving import together
-
     robot = mr.SingleRod(mr.Rod(length=0.5, bending_stiffness=(0.04, 0.02), torsional_stiffness=0.015))
     inputs = robot.inputs(tip_force=(0, 0, -1.5 * np.pi**2 / 4 * 0.02 / 0.5**2), tip_moment=(0, 0, 4e-8))
     solver = mr.Shooting(integrator=mr.RK4(50))
     whole = mr.solve(robot, inputs, solver=solver)
     assert whole.status is mr.Status.DAMPED
     assert whole.integrations > 140
-    monkeypatch.setattr(together, "MOST_STEPS", 50 * 90)  # ninety integrations, of the 98 that the way takes
+    monkeypatch.setattr(
+        f"multirod.solvers.following.{place}.{name}", 50 * 90
+    )  # ninety integrations, of the 98 that the way takes
     part = mr.solve(robot, inputs, solver=solver)
     assert part.status is mr.Status.INTEGRATION_LIMIT
     assert part.integrations < 120  # some 60 to where the branch ends

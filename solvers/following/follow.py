@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.solver import Outcome
-from multirod.solvers.continuation.pace import SINGLE_STEPS
+from multirod.solvers.continuation.pace import SINGLE_SETTLING, SINGLE_STEPS
 from multirod.solvers.continuation.paths import SAFE_LOAD, SINGULAR, TURN
 from multirod.solvers.following.journey import Journey
 from multirod.solvers.following.serving.together import Together, split
@@ -83,7 +83,8 @@ def follow(
         clamped = [partial(lambda way, some: parts.clamped(own[some], PIECES, times, way), k) for k in range(clampings)]
         together = Together(part, start, clamped, (unknowns[own], reached[own]))
         if segmented and before is None:
-            together.most_steps = SINGLE_STEPS
+            together.most_steps = min(together.most_steps, SINGLE_STEPS)
+            together.settling_steps = SINGLE_SETTLING
         tip = together.tip
         by_tip = tip is not None and len(tip.forces) > 0 and (problem.joints is None or not parts.all_clamped)
         journeys = [

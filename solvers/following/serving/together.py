@@ -52,6 +52,10 @@ class Together:
         starts: Unknowns and levels where those wait that do not ask what stands, shapes (instance_count, n) and
             (instance_count,); None where they stay.
         judged: Whether more than residuals is asked for.
+
+    Attributes:
+        most_steps: Of the integrator, in all integrations of an instance.
+        settling_steps: Of these, in which damped dynamics are to rest, all of them together.
     """
 
     def __init__(
@@ -66,7 +70,8 @@ class Together:
         self.levels = np.ones(part.instance_count)
         self.most_steps = MOST_STEPS * len(part.blocks)
         self._calm = starts
-        self._steps = np.zeros(part.instance_count, dtype=np.int64)  # of all integrations
+        self.settling_steps = self.most_steps
+        self._steps, self._settled = np.zeros((2, part.instance_count), dtype=np.int64)  # of all integrations, of damped dynamics
         self._each = np.full(part.instance_count, 2**31)  # of the shortest, as which those go that are not counted
         self.tip = None if not judged or part.conjugates is None else Turns(part.conjugates)
         self._clamped = clamped
@@ -221,8 +226,11 @@ class Together:
         for k, request in asked.items():
             self.levels[k] = request.level
         steps = np.minimum(SETTLING_STEPS * len(self.part.blocks), self.most_steps - self._steps)
+        steps, before = np.minimum(steps, self.settling_steps - self._settled), self._steps.copy()
         with self._placed(self.part):
-            return settle(self.part, asked, self._periods, self._steps, steps, raised=self.before is None)
+            found = settle(self.part, asked, self._periods, self._steps, steps, raised=self.before is None)
+        self._settled += self._steps - before
+        return found
 
     def _judge(self, asked: dict[int, Judge]) -> dict[int, Judgement]:
         with self._standing(asked) as stability:
