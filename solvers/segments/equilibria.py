@@ -25,6 +25,7 @@ GROWTH = 100.0  # most by which a segment may amplify a variation
 FAR = 5.0  # the same where loads change at once: beyond some 25 what they change by is no start any more
 FEWEST_STEPS = 4  # of a segment
 MOST_STEPS = 128
+MOST_EQUAL = 8192  # of a segment too, if they are equal
 MOST_SEGMENTS = 20_000
 MOST_ROUNDS = 10
 COLUMN_ERROR = 1e-6  # of a segment's transition, relative
@@ -327,7 +328,6 @@ class SegmentedEquilibria:
             coarse = np.zeros(len(cuts.steps), dtype=bool)
             if (open_ := ~checked[on]).any():
                 coarse[open_[owner]] = self._coarse(here.chosen(open_), level[on][open_])
-            coarse &= (here.found.fault != int(Fault.STEP_LIMIT))[owner]  # more of the same are too many as well
             finer = np.logical_or.reduceat(coarse, cuts.first[:-1])
             long = (self.segments.growth(cuts, here.found) > most) | (cuts.steps > MOST_STEPS)
             long &= ~finer[owner] & (self._fault[mine] == 0)[owner]
@@ -337,7 +337,8 @@ class SegmentedEquilibria:
             goes_on = finer | np.logical_or.reduceat(long, cuts.first[:-1])
             if not goes_on.any():
                 return place, changed
-            cuts = replace(cuts, steps=np.where(coarse, 2 * cuts.steps, cuts.steps))
+            more = np.where(cuts.steps < MOST_EQUAL, 2 * cuts.steps, 0)  # 0: by error control
+            cuts = replace(cuts, steps=np.where(coarse, more, cuts.steps))
             if long.any():
                 half = cuts.halves(long)
                 halving = np.isin(cuts.instances, half.instances)
