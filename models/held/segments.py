@@ -198,7 +198,7 @@ class HeldSegments(BackboneSegments):
     def lead(self, cuts: Cuts, level: FloatArray) -> Propagation:  # noqa: D102
         return self.propagate(cuts, level)
 
-    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct, columns: int | None = None) -> Propagation:
+    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct, columns_by_state: int | None = None) -> Propagation:
         found = self._launched(cuts, level, table)
         begin = self._beginning(cuts.instances, cuts.unknowns, level)
         transition = self._transitions(cuts, found)

@@ -67,8 +67,8 @@ class BackboneSegments(Segments):
         own.residual = wp.zeros((count, m), dtype=wp.float64, device=device)
         own.gamma = wp.zeros((count, m, d), dtype=wp.float64, device=device)
         own.residual_directions = wp.zeros((count, m, max(problem.direction_count, 1)), dtype=wp.float64, device=device)
-        names = ("load_factor", "unknowns", "residual", "gamma", "residual_directions")
-        self._views = {name: getattr(own, name).numpy() for name in names} if problem.on_host else {}
+        seen = ("load_factor", "unknowns", "residual", "gamma", "residual_directions")
+        self._views = {name: getattr(own, name).numpy() for name in seen} if problem.on_host else {}
         if problem.held:
             self.call.wrench.values = wp.zeros((count, 6), dtype=wp.float64, device=device)
             shape = (count, 6, d + max(problem.direction_count, 1))
@@ -200,9 +200,9 @@ class BackboneSegments(Segments):
         count = len(cuts.start)
         return self._room(count, table, columns).run(count, self._load(cuts, level, self.call))
 
-    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct, columns: int | None = None) -> Propagation:
+    def _propagate(self, cuts: Cuts, level: FloatArray, table: Struct, columns_by_state: int | None = None) -> Propagation:
         d = self.variation_size
-        found = self._launched(cuts, level, table, columns)
+        found = self._launched(cuts, level, table, columns_by_state)
         end, values = found["end_state"], found["columns"]
         position = self._state.places["position"]
         mine = cuts.instances

@@ -110,7 +110,7 @@ class ClampedBackbones:
         columns[:, chain.whole, range(n)] = 1.0
         moved = np.zeros((count, 3, columns.shape[2]))
         base = np.broadcast_to(problem.table.base_rotation.numpy(), (count, 3, 3))
-        fault, taken = np.zeros((2, count), dtype=np.int32)
+        fault, taken = np.zeros(count, dtype=np.int32), np.zeros(count)
         for piece in range(self.pieces):
             last = piece == self.pieces - 1
             state, found, own_fault, own_taken = chain.over(state, edges[:, piece], edges[:, piece + 1], last=last)
