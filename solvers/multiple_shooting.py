@@ -26,6 +26,9 @@ NOISY = 1e2  # norm of Gamma from which the integrator's noise may look like the
 POLISH = 5  # iterations on the unknowns alone
 MAX_INTEGRATIONS = 2000  # two seconds; the hardest loads of docs/solvers.md take 300
 SAME_POSE = 1e-7  # of the length, and of a rotation: how near these lead to the tip that the segments lead to
+# the same, and part of the tolerance, of those whose rounding leaves so little that it leads nowhere else: near a fold their tips
+# differ by what the steps of the integrator are off by, over the stiffness that is left
+NEAR_POSE, TOLD = 1e-4, 1e-3
 ROUNDED = 0.05  # of the tolerance, that rounding may leave where the tip is held, whose pose tells nothing of what holds it
 
 
@@ -288,7 +291,8 @@ class MultipleShooting(Solver):
             position, rotation = problem.read("position"), problem.read("rotation")
             off = np.linalg.norm(position - poses[0], axis=1) / segments.length(np.arange(len(tried)))
             off += np.linalg.norm(rotation - poses[1].reshape(-1, 9), axis=1)
-            outcome.status[tried & (single.status == Status.CONVERGED) & (off < SAME_POSE)] = Status.CONVERGED
+            near = np.where(rounding < TOLD * problem.tolerance(self.tolerance), NEAR_POSE, SAME_POSE)
+            outcome.status[tried & (single.status == Status.CONVERGED) & (off < near)] = Status.CONVERGED
         lost = failures(outcome.status) & (outcome.status != Status.NOT_RUN)
         if lost.any():
             # what is left of the residual at the full load

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multirod.results.events import BranchEvent
-from multirod.solvers.following.descent import KICK, SOFT, Point, Unfit, turn_between, way_out
+from multirod.solvers.following.descent import DRIVEN, KICK, SOFT, Point, Unfit, turn_between, way_out
 from multirod.solvers.following.serving.many import alike
 from multirod.solvers.following.serving.requests import Run
 from multirod.solvers.following.walk import BESIDE, DECIDED, MERGED, Walk, held
@@ -28,7 +28,11 @@ AS_SOFT = 0.1  # of how unstable the other is, what a branch that leaves has not
 STILL = 1e-3  # of the longest way of any place: where the tip is held
 FAR = 0.5  # turn of the tip to another branch [rad], however near the critical point
 APART = 0.7  # ratio of distances at a quarter of the overshoot: above it another branch, half on one that bifurcates here
+LEAST_LEFT = 1e-5  # of the way: the end may be as near to the branch as its own critical point
 SAME_BRANCH = 0.35  # below it the same branch, a quarter
+EXTENDED = 1000.0  # ways between two samples: how far one is drawn on that is too short for what a fold brings about
+LEADS = 1e-3  # of how unstable it is: a moment as large along the mode is one that drives it there
+BACK = 16  # halvings of what is left on the way back to a level
 RETURNED = 1e-4  # turn of the tip by which what was pushed off came back [rad]
 
 
@@ -79,6 +83,8 @@ class Departure(Walk):
         if beside and not self.beside:
             return None
         longer = (beyond.level - critical.level) / self._overshoot(critical)
+        if self.way.by_inputs:  # however many times as long, it may be short: a way is as short as samples are near
+            longer = min(longer, LEADS * -slope.lowest / DRIVEN)
         first, fold = way_out(slope, beyond.moved, longer, self.way.side)
         slight = first.any() and beyond.level == 1 and slope.lowest > -SLIGHT
         self.departed, self.within = (critical if slight else None), self.way.tolerance
@@ -101,9 +107,12 @@ class Departure(Walk):
             self.hardly, neutral = 1, 0  # what is not quite symmetric holds it by as little
         if not (yield from self._rests(rest, neutral)):
             return None
+        here = rest if rest.level <= 1 else (yield from self._led_back(rest, 1.0, neutral))
+        if here is None:
+            return None
         status = yield from self._kind(critical, beyond, landed, rest, first)
         if status is None:
-            return rest, None, neutral
+            return here, None, neutral
         lost, displacement, aside = 0.0, landed.position - critical.position, np.zeros(3)
         if status is Status.SNAPPED:
             lost, displacement = yield from self._lost(critical, beyond, rest, neutral)
@@ -125,7 +134,7 @@ class Departure(Walk):
             rod_displacement=aside,
             neutral=neutral,
         )
-        return rest, event, neutral
+        return here, event, neutral
 
     def _at_rest(self, unknowns: FloatArray, level: float, neutral: int) -> Run:
         """The equilibrium without clamps that they lead to."""
@@ -136,11 +145,26 @@ class Departure(Walk):
     def _lost(self, critical: Point, beyond: Point, rest: Point, neutral: int) -> Run:
         """The energy lost [J] and how the tip moved [m]: from the critical point to where the branch that was come to is at the
         same load; where it does not lead back there, from beyond it."""
-        found, _ = yield from self._correct(rest.unknowns, critical.level, neutral)
-        # what is neutral at this load alone, as one that turns a magnet over, tells nothing of it
-        same = found is not None and alike(found.gamma, rest.gamma, max(neutral, min(found.nearly_neutral, 1)))
-        found, left = (found, critical) if same else (rest, beyond)
+        found = yield from self._led_back(rest, critical.level, neutral)
+        found, left = (rest, beyond) if found is None else (found, critical)
         return (yield from self._down(left, found)), found.position - critical.position
+
+    def _led_back(self, point: Point, level: float, neutral: int) -> Run:
+        """The equilibrium at a level before, on the branch that a point is on; None where that does not lead there."""
+
+        def at(here: Point, level: float) -> Run:
+            found, _ = yield from self._correct(here.unknowns, level, neutral)
+            # what is neutral at this load alone, as one that turns a magnet over, tells nothing of it
+            same = found is not None and alike(found.gamma, here.gamma, max(neutral, min(found.nearly_neutral, 1)))
+            return found if same else None
+
+        found = yield from at(point, level)
+        for _ in range(BACK):  # near its own end a branch bends as the root of what is left
+            if found is not None or point is None:
+                break
+            point = yield from at(point, 0.5 * (point.level + level))
+            found = None if point is None else (yield from at(point, level))
+        return found
 
     def _down(self, left: Point, found: Point) -> Run:
         """The energy lost between two points [J]."""
@@ -174,9 +198,14 @@ class Departure(Walk):
         return Status.SNAPPED if elsewhere else Status.BIFURCATED
 
     def _pass(self, critical: Point, step: float) -> Run:
-        """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not at the end."""
+        """The critical unknowns at a level beyond, where it is decided that they are left; None where it is not at the end.
+
+        Past the end of a way between two samples, which may be short, inputs go on as they did, but where a mode is unstable at
+        the end that nothing drives.
+        """
+        end = 1.0
         while True:
-            level = min(1.0, critical.level + step)
+            level = min(end, critical.level + step)
             beyond = yield from self._beyond(critical, level)
             slope = beyond.slope
             if slope.lowest < -CLEAR or abs(slope.along[0]) > DECIDED or held(slope):
@@ -184,9 +213,12 @@ class Departure(Walk):
             rest = yield from self._rest_beside(critical, level, slope)
             if rest is not None and (held(rest.slope) or rest.slope.lowest < -CLEAR):
                 return rest
-            if level == 1.0:
+            if level == end:
                 last = beyond if rest is None else rest
-                return last if last.slope.lowest < -AT_END else None
+                unstable, driven = last.slope.lowest < -AT_END, abs(last.slope.along[0]) > LEADS * -last.slope.lowest
+                if end > 1 or not self.way.by_inputs or 1 - critical.level <= LEAST_LEFT or (unstable and not driven):
+                    return last if unstable else None
+                end = EXTENDED
             step *= 4
 
     def _shrinks(self, critical: Point, level: float, landed: Point, first: FloatArray, neutral: int) -> Run:

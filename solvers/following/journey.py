@@ -9,7 +9,7 @@ import numpy as np
 
 from multirod.budget import Spent
 from multirod.results.events import BranchEvent
-from multirod.solvers.following.departure import Departure
+from multirod.solvers.following.departure import LEAST_LEFT, Departure
 from multirod.solvers.following.descent import SOFT, Point, Unfit
 from multirod.solvers.following.serving.requests import Run, Settle
 from multirod.status import Status
@@ -18,7 +18,6 @@ from multirod.validation import FloatArray
 FAR_BEYOND = 1e-2  # as OVERSHOOT, of damped dynamics, which leave what is hardly unstable slowly
 SETTLING = 400  # integrations in which they are to rest
 SAME_SIZE = 0.5  # of how far it left, by which other equations may put it elsewhere
-LEAST_LEFT = 1e-5  # of the way: the end may be as near to the branch as its own critical point
 MOST_EVENTS = 16
 LAST = 1e-3  # of the way, on which a neutral mode may be one that rounded kinks held until there
 

@@ -75,6 +75,14 @@ class LastStates:
             found[places[some]] = True
         return outcome, found
 
+    def ends(self, unknowns: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
+        """Of the last sample: which were found by states alone, (instance_count,), unknowns (instance_count, n), of these from
+        their states, and its inputs (instance_count, k)."""
+        those, result = np.zeros(len(unknowns), dtype=bool), unknowns.copy()
+        for k, own in self._points.items():
+            those[k], result[k] = True, own.unknowns
+        return those, result, self._inputs
+
     def rescue(self, lost: BoolArray, unknowns: FloatArray, before: FloatArray) -> tuple[Outcome, BoolArray]:
         """The same of some that are ``lost``, from the last sample's ``unknowns`` (instance_count, n), found at the inputs
         ``before`` (instance_count, k)."""

@@ -159,6 +159,7 @@ class NewtonTrack(Track):
         """The sample of what was found by its states, from these, and without a guess of what has no unknowns to begin with; and
         of which that is all that can be done, shape (instance_count,)."""
         outcome, found = self._states.resume(self.last)
+        found |= self._led_on(~self.known & ~found, outcome)
         new = ~self.known & ~found
         if new.any():
             again = ColdStart(self.options, self.problem, self.newton, new).run()
@@ -167,6 +168,16 @@ class NewtonTrack(Track):
             outcome.breakpoints |= again.breakpoints
             outcome.events |= again.events
         return outcome, found | new
+
+    def _led_on(self, lost: BoolArray, outcome: Outcome) -> BoolArray:
+        """Let those go on whose branch ended, of which the last sample was found by states alone; which did, shape (k,)."""
+        mine, ends, before = self._states.ends(self.last)
+        mine &= lost
+        if not mine.any():
+            return mine
+        outcome.status[mine] = Status.BRANCH_END
+        go_on(self.options, self.problem, self.newton, outcome, mine, np.zeros(len(mine)), ends, before=before)
+        return mine & ~failures(outcome.status)
 
     def _foreseen(self) -> FloatArray:
         """Unknowns by extrapolation of the last samples, shape (instance_count, n)."""
@@ -317,10 +328,15 @@ class NewtonTrack(Track):
         self.edge[places[lowest > SOFT]] = False
         lost = np.zeros_like(chosen)
         lost[places[lowest < -SOFT]] = True
-        if lost.any():
-            ends, reached = self.problem.read("unknowns"), np.full(len(chosen), JUST_THERE)
-            go_on(self.options, self.problem, self.newton, outcome, lost, reached, ends, before=before)
-            self.edge &= ~lost | failures(outcome.status)
+        left, ends = lost.copy(), self.problem.read("unknowns")
+        # from where modes vanished; or else from where it is now
+        for begin, part in ((self.last.copy(), 0.0), (ends, JUST_THERE)):
+            if not left.any():
+                break
+            self.problem.write("unknowns", ends)
+            go_on(self.options, self.problem, self.newton, outcome, left, np.full(len(left), part), begin, before=before)
+            left &= failures(outcome.status)
+        self.edge &= ~lost | failures(outcome.status)
 
     def _begin_anew(self, outcome: Outcome, before: FloatArray) -> None:
         """Solve without a guess what failed and is turned at no cost otherwise than at the last good sample, as between balls
