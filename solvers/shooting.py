@@ -50,8 +50,8 @@ class Shooting(Solver):
             continuation, the search for a stable equilibrium and ``MultipleShooting`` (no more there than its own default). A rod
             that clamps cut into six pieces counts as six. What has taken them without a result, or would, ends as
             ``INTEGRATION_LIMIT``. The few that judge a result, or tell what is left of the residual, come on top.
-        fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch, after single
-            precision double, and for legs that are pulled hard pieces of them (``docs/parallel.md``).
+        fallback: Whether ``MultipleShooting`` goes on where rounding or these steps end the natural branch, or lose a sample of
+            a motion, after single precision double, and for legs that are pulled hard pieces of them (``docs/parallel.md``).
         at_fold: What is done where a branch ends: ``"follow"`` goes where a robot would whose loads are raised slowly, to the
             status ``BIFURCATED`` or ``SNAPPED``, or in a ``solve`` of curved tubes to ``LOWEST_ENERGY`` (``docs/branches.md``);
             ``"stop"`` ends there, with the status ``BRANCH_END``, and no other equilibrium is looked for.

@@ -102,9 +102,10 @@ class LastStates:
         return outcome, found
 
     def _method(self) -> MultipleShooting | None:
-        """By segments; None where the problem has none."""
+        """By segments; None where the problem has none, or they are not asked for."""
         method = in_segments(self._options)
-        return None if self._problem.parts is None or method.unsupported(self._problem) else method
+        without = not self._options.fallback or self._problem.parts is None
+        return None if without or method.unsupported(self._problem) else method
 
     def _part(self, places: IntArray) -> BoundaryProblem:
         """Some instances, as they are now, in double precision."""
