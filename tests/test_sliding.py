@@ -239,6 +239,14 @@ def test_a_rod_that_is_pulled_out_of_a_hole_is_no_result():
     assert np.isnan(solution.tip_position).all()
 
 
+def test_a_rod_that_is_drawn_out_of_a_hole_in_a_motion_is_said_to_be():
+    """Each sample beyond was ``NONFINITE``, which says to begin nearer."""
+    robot = through("prismatic", at=0.35, place=pose(position=(0, 0, 0.35)))
+    back = -np.linspace(0, 0.1, 6)[:, None]
+    history = mr.simulate(robot, robot.inputs(translation=back), time=np.arange(6.0), solver=mr.Shooting(integrator=RK4))
+    assert [mr.Status(own).name for own in history.status] == ["CONVERGED"] * 3 + ["OUT_OF_HOLE"] * 3
+
+
 def test_a_rod_that_is_pulled_out_as_a_network_snaps_is_said_to_be():
     """A shuttle on a buckled arch, above which too little of a guide is left for where it snaps to."""
     half = mr.Rod(length=0.158, bending_stiffness=0.02, torsional_stiffness=0.015)

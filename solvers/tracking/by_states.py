@@ -8,10 +8,11 @@ from multirod.batch import IntArray
 from multirod.problem import BoundaryProblem
 from multirod.segments import Breakpoints, placed, taken
 from multirod.solver import Outcome
-from multirod.solvers.following.onward import in_segments
+from multirod.solvers.following.onward import go_on, in_segments
 from multirod.solvers.multiple_shooting import NOISY, MultipleShooting
+from multirod.solvers.newton.iteration import Newton
 from multirod.solvers.segments.by_inputs import ATTEMPT, change_inputs, good, states_of
-from multirod.status import BoolArray, failures
+from multirod.status import BoolArray, Status, failures
 from multirod.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -75,13 +76,24 @@ class LastStates:
             found[places[some]] = True
         return outcome, found
 
-    def ends(self, unknowns: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
-        """Of the last sample: which were found by states alone, (instance_count,), unknowns (instance_count, n), of these from
-        their states, and its inputs (instance_count, k)."""
-        those, result = np.zeros(len(unknowns), dtype=bool), unknowns.copy()
+    def go_on(self, lost: BoolArray, newton: Newton, outcome: Outcome, unknowns: FloatArray) -> BoolArray:
+        """Let those that are ``lost`` go on over the end of their branch from the last sample, where its states alone tell of
+        them; which did, (instance_count,).
+
+        Args:
+            lost: Shape (instance_count,).
+            newton: The motion's iteration.
+            outcome: Of this sample so far.
+            unknowns: Of the last one where these are known, (instance_count, n).
+        """
+        mine, ends = np.zeros_like(lost), unknowns.copy()
         for k, own in self._points.items():
-            those[k], result[k] = True, own.unknowns
-        return those, result, self._inputs
+            mine[k], ends[k] = lost[k], own.unknowns
+        if not mine.any():
+            return mine
+        outcome.status[mine] = Status.BRANCH_END
+        go_on(self._options, self._problem, newton, outcome, mine, np.zeros(len(mine)), ends, before=self._inputs)
+        return mine & ~failures(outcome.status)
 
     def rescue(self, lost: BoolArray, unknowns: FloatArray, before: FloatArray) -> tuple[Outcome, BoolArray]:
         """The same of some that are ``lost``, from the last sample's ``unknowns`` (instance_count, n), found at the inputs

@@ -159,7 +159,7 @@ class NewtonTrack(Track):
         """The sample of what was found by its states, from these, and without a guess of what has no unknowns to begin with; and
         of which that is all that can be done, shape (instance_count,)."""
         outcome, found = self._states.resume(self.last)
-        found |= self._led_on(~self.known & ~found, outcome)
+        found |= self._states.go_on(~self.known & ~found, self.newton, outcome, self.last)
         new = ~self.known & ~found
         if new.any():
             again = ColdStart(self.options, self.problem, self.newton, new).run()
@@ -168,16 +168,6 @@ class NewtonTrack(Track):
             outcome.breakpoints |= again.breakpoints
             outcome.events |= again.events
         return outcome, found | new
-
-    def _led_on(self, lost: BoolArray, outcome: Outcome) -> BoolArray:
-        """Let those go on whose branch ended, of which the last sample was found by states alone; which did, shape (k,)."""
-        mine, ends, before = self._states.ends(self.last)
-        mine &= lost
-        if not mine.any():
-            return mine
-        outcome.status[mine] = Status.BRANCH_END
-        go_on(self.options, self.problem, self.newton, outcome, mine, np.zeros(len(mine)), ends, before=before)
-        return mine & ~failures(outcome.status)
 
     def _foreseen(self) -> FloatArray:
         """Unknowns by extrapolation of the last samples, shape (instance_count, n)."""
@@ -272,6 +262,7 @@ class NewtonTrack(Track):
 
     def _continue(self, doubtful: BoolArray, outcome: Outcome, before: FloatArray) -> None:
         """Solve the doubtful instances again, from the last good sample, in steps of the inputs."""
+        self.problem.reasons(np.zeros_like(outcome.status))  # what was so before is not why
         paths = Paths(self.problem, self.newton, self.options.max_continuation_steps)
         last = self.last.copy(), self.newton.reference()
         ways = Ways(paths, self.newton, before, last[0], self.options.max_integrations)
@@ -377,6 +368,8 @@ class NewtonTrack(Track):
         else:
             # of what is known by its breakpoints only, the unknowns alone cannot start the next sample
             good = ~failures(outcome.status)
+            if not good.all():
+                outcome.status[:] = self.problem.reasons(outcome.status)
             good[list(outcome.breakpoints)] = False
             # what failed starts again from its last equilibrium, what is new from its first, both without a slope
             elsewhere = np.isin(outcome.status, (Status.BIFURCATED, Status.SNAPPED, Status.DAMPED))
