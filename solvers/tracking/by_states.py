@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from multirod.solvers.shooting import Shooting
 
 
+LITTLE = 1.0  # change of loads [EI/L^2], from which on Newton's method is often lost where Gamma is large
+
+
 class LastStates:
     """Of the instances of a motion whose last sample was found by states, by their numbers.
 
@@ -30,6 +33,7 @@ class LastStates:
     def __init__(self, options: "Shooting", problem: BoundaryProblem) -> None:
         self._options, self._problem = options, problem
         self._points: dict[int, Breakpoints] = {}
+        self._alone: set[int] = set()  # of these, which unknowns do not lead to
         self._now: dict[int, Breakpoints] = {}  # of this sample, so far
         self._inputs: FloatArray = np.zeros((0, 0))
         self._guess: dict[int, Breakpoints] = {}  # what is known of the first sample
@@ -37,8 +41,16 @@ class LastStates:
         self._turns, self.turning = np.zeros((2, problem.instance_count), dtype=bool)
 
     def __bool__(self) -> bool:
-        """Whether any is, of the last sample or of this one so far."""
-        return bool(self._points or self._now or self._guess)
+        """Whether any is to begin so, or was found so in this sample so far."""
+        return bool(self._now or self._guess or self._due())
+
+    def _due(self) -> dict[int, Breakpoints]:
+        """Those of the last sample that this one is to begin at: where unknowns lead there too, Newton's method takes a third of
+        the integrations from these, each a fiftieth of the time, unless loads have changed by more than a little."""
+        if not self._points or self._alone.issuperset(self._points):
+            return self._points
+        jumped = self._problem.load_change(self._inputs) > LITTLE
+        return {k: own for k, own in self._points.items() if jumped[k] or k in self._alone}
 
     def start(self, known: BoolArray) -> None:
         """Take what the problem's guess is known by, of instances that are ``known``, (instance_count,)."""
@@ -54,13 +66,13 @@ class LastStates:
             sensitive, self.turning = size > NOISY, self._turns & ~(size <= NOISY)
             lost = failures(outcome.status)
             known = {k: own for k, own in known.items() if not lost[k] and (sensitive[k] or k in outcome.breakpoints)}
-        self._points, self._now, self._inputs = known, {}, inputs
+        self._points, self._now, self._inputs, self._alone = known, {}, inputs, set(outcome.breakpoints)
 
     def resume(self, unknowns: FloatArray) -> tuple[Outcome, BoolArray]:
         """The next sample of all that are known so, in the problem's buffers, and which were found, (instance_count,): what is
         led off its branch is not. A first sample is that of the guess, whose ``unknowns`` (instance_count, n) these are."""
         if not self._guess:
-            return self._on(self._points, self._inputs)
+            return self._on(self._due(), self._inputs)
         guess, self._guess = self._guess, {}
         outcome, found = self._none()
         if (method := self._method()) is not None:
