@@ -7,7 +7,7 @@ import pytest
 from test_network_rods import at
 
 import multirod as mr
-from multirod.solvers.following.downhill import _Rounds
+from multirod.solvers.following.serving.rounds import Rounds
 
 WIRE = mr.Rod.wire(length=0.3, diameter=2e-3, young_modulus=60e9, shear_modulus=23e9)
 
@@ -137,7 +137,7 @@ def test_what_turns_on_and_on_is_told_from_what_is_wound_up():
         def place(t):
             return np.array([[0.2 * t, np.cos(2 * np.pi * t) + rise * t, np.sin(2 * np.pi * t), 5 * t]])
 
-        rounds = _Rounds(periods, place(0))
+        rounds = Rounds(periods, place(0))
         rounds.since(place(0.013))
         steps = np.arange(0.02, 4, 0.016)
         told = [t for last, t in pairwise(steps) if rounds.passes(np.array([0]), place(last), place(t))[0]]
@@ -146,7 +146,7 @@ def test_what_turns_on_and_on_is_told_from_what_is_wound_up():
     assert turns_until_told(0.0) == pytest.approx(1.013, abs=0.017)
     assert turns_until_told(0.003) == pytest.approx(1.013, abs=0.017)
     assert turns_until_told(0.02) is None
-    assert _Rounds(np.zeros((1, 0)), np.zeros((1, 4))).times == 1
+    assert Rounds(np.zeros((1, 0)), np.zeros((1, 4))).times == 1
 
 
 def test_what_slides_away_is_told_from_what_changes_as_it_does():
@@ -156,7 +156,7 @@ def test_what_slides_away_is_told_from_what_changes_as_it_does():
         def place(t):
             return np.array([[way * t, rise * t, 0.0, 5 * t]])
 
-        rounds = _Rounds(np.array([[-3.0, np.inf, np.inf, 0.0]]), place(0))
+        rounds = Rounds(np.array([[-3.0, np.inf, np.inf, 0.0]]), place(0))
         steps = np.arange(0.0, 6, 0.1)
         told = [t for last, t in pairwise(steps) if rounds.passes(np.array([0]), place(last), place(t))[0]]
         return told[0] if told else None

@@ -130,7 +130,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Descend:
-    """A request to go down in energy by the turns of the tip (``downhill.descend``).
+    """A request to go down in energy by the turns of the tip (``serving.downhill.descend``).
 
     Attributes:
         point: From where.

@@ -13,7 +13,7 @@ from multirod.budget import Spent
 from multirod.problem import BoundaryProblem
 from multirod.solvers.continuation.pace import MOST_STEPS
 from multirod.solvers.following.descent import Point, Points
-from multirod.solvers.following.downhill import descend, settle
+from multirod.solvers.following.serving.downhill import descend, settle
 from multirod.solvers.following.serving.many import correct, trace
 from multirod.solvers.following.serving.requests import (
     At,
