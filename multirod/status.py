@@ -137,7 +137,7 @@ _MESSAGES = {
     "minimum; loosen the tolerance, tighten the integrator, or start nearer",
     Status.BRANCH_END: "the equilibrium reached by raising the loads in proportion ends before the full load (a fold or a "
     "bifurcation: the rod snaps or buckles, critical_loads() says at which load); add a small load to the side to which it is to "
-    "buckle, or give a guess, such as one of equilibria()",
+    "buckle, or give a guess, such as one of equilibria(); of an inverse problem, ask for another pose",
     Status.UNSTABLE: "the equilibrium that was found is unstable: the robot would leave it; lead it there from where it is "
     "stable (simulate), or give another guess; of an inverse problem, ask for another pose",
     Status.OUT_OF_LIMITS: "of inverse(): the translations that lead to this pose are beyond its limits=, or leave nothing of a "
