@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from multirod.naming import meant
 from multirod.problem import BoundaryProblem
 from multirod.results import sides
-from multirod.results.eliminating import eliminated, pose_derivative, pulled_back, warn_of_singular
+from multirod.results.eliminating import eliminated, pose_derivative, pulled_back, warn_of_nan, warn_of_singular
 from multirod.results.segment_system import pose_jacobians
 from multirod.results.telling import told_by_loop
 from multirod.rotations import cross_matrix
@@ -272,13 +272,12 @@ def _told(
 
 def _warn_of_sides(names: Sequence[str], none: NDArray[np.bool_]) -> None:
     """Say that there are no derivatives, of some instances (b,)."""
-    if none.any():
-        of = f" of {none.sum()} of {len(none)} instances" if len(none) > 1 else ""
-        warn(
-            f"derivatives by {', '.join(names)}{of} are NaN: lines are neither taut nor slack, so that the robot is not as stiff "
-            "to one side as to the other; pull them a little (displacement=1e-3, with an axial_stiffness)",
-            RuntimeWarning,
-        )
+    warn_of_nan(
+        names,
+        none,
+        ": lines are neither taut nor slack, so that the robot is not as stiff to one side as to the other; pull them a little "
+        "(displacement=1e-3, with an axial_stiffness)",
+    )
 
 
 def _kept(solution: "Solution[Any]", names: Sequence[object]) -> tuple[FloatArray, FloatArray, FloatArray] | None:

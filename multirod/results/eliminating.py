@@ -101,15 +101,21 @@ def _reach(gamma: FloatArray, probed: FloatArray) -> FloatArray:
     return np.asarray(np.abs(gamma).max(axis=(1, 2), initial=0.0) * np.abs(probed).sum(axis=1))
 
 
+def warn_of_nan(names: Sequence[object], which: BoolArray, why: str) -> None:
+    """Say that there are no derivatives by these names, of which instances (b,), and why."""
+    if which.any():
+        of = f" of {which.sum()} of {len(which)} instances" if len(which) > 1 else ""
+        warn(f"derivatives by {', '.join(map(str, names))}{of} are NaN{why}", RuntimeWarning)
+
+
 def warn_of_singular(names: Sequence[object], silent: BoolArray) -> None:
     """Say that ``Gamma`` does not tell some derivatives, of some instances (b,)."""
-    if silent.any():
-        of = f" of {silent.sum()} of {len(silent)} instances" if len(silent) > 1 else ""
-        warn(
-            f"derivatives by {', '.join(map(str, names))}{of} are NaN where Gamma is singular to rounding and they hang on that: "
-            "at a fold or a bifurcation, or of what moves at no cost; ask for them a little beside it",
-            RuntimeWarning,
-        )
+    warn_of_nan(
+        names,
+        silent,
+        " where Gamma is singular to rounding and they hang on that: at a fold or a bifurcation, or of what moves at no cost; "
+        "ask for them a little beside it",
+    )
 
 
 class Eliminated:
