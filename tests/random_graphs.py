@@ -13,8 +13,7 @@ from itertools import pairwise
 import numpy as np
 from graph_energy import Graph, roll, turned
 from network_energy import AXIS, exp, log
-from own_loads import Well
-from test_loads import Drag, Spring
+from own_loads import Drag, Spring, Well
 
 import multirod as mr
 
