@@ -281,8 +281,8 @@ class MultipleShooting(Solver):
         """Newton on the unknowns alone, which converges to the same pose where the problem is well conditioned; not tried where
         their ``rounding`` alone, (instance_count,), leaves far more than the tolerance."""
         problem.write("unknowns", unknowns)
-        far = ROUNDED if segments.end_held else ROUNDED_OFF
-        tried = (outcome.status == Status.MULTIPLE_SHOOTING) & (rounding < far * problem.tolerance(self.tolerance))
+        far, tolerance = ROUNDED if segments.end_held else ROUNDED_OFF, problem.tolerance(self.tolerance)
+        tried = (outcome.status == Status.MULTIPLE_SHOOTING) & (rounding < far * tolerance)
         if tried.any():
             newton = Newton(problem, tolerance=self.tolerance, max_iterations=POLISH, line_search=False)
             newton.run(tried)
@@ -291,7 +291,7 @@ class MultipleShooting(Solver):
             position, rotation = problem.read("position"), problem.read("rotation")
             off = np.linalg.norm(position - poses[0], axis=1) / segments.length(np.arange(len(tried)))
             off += np.linalg.norm(rotation - poses[1].reshape(-1, 9), axis=1)
-            near = np.where(rounding < TOLD * problem.tolerance(self.tolerance), NEAR_POSE, SAME_POSE)
+            near = np.where(rounding < TOLD * tolerance, NEAR_POSE, SAME_POSE)
             outcome.status[tried & (single.status == Status.CONVERGED) & (off < near)] = Status.CONVERGED
         lost = failures(outcome.status) & (outcome.status != Status.NOT_RUN)
         if lost.any():

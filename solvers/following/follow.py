@@ -55,9 +55,9 @@ def follow(
         side: 1, or -1 for the other one at each bifurcation.
         before: Inputs where the way begins, shape (instance_count, input_count); without them it is the loads that are raised.
         slack: Which are at the end of the way, but in a valley and not at rest, shape (instance_count,).
-        thorough: As ``Walk`` has it.
+        thorough: As ``Way`` has it.
         times: By so many times as many steps of the integrator as usual, where these are equal.
-        loud: As ``Walk`` has it.
+        loud: As ``Way`` has it.
 
     Returns:
         By instance, those that rounding keeps from going on.

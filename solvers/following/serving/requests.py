@@ -14,11 +14,20 @@ EDGES = (Status.OUT_OF_HOLE, Status.LOOSE)  # why there is nothing where somethi
 
 
 @dataclass(frozen=True)
-class Judge:
-    """A request to tell the stability at unknowns, shape (n,), and a level."""
+class Spot:
+    """Where something is asked of.
+
+    Attributes:
+        unknowns: Shape (n,) [1/m].
+        level: Part of the way.
+    """
 
     unknowns: FloatArray
     level: float
+
+
+class Judge(Spot):
+    """A request to tell the stability."""
 
 
 @dataclass(frozen=True)
@@ -36,51 +45,37 @@ class Judgement:
     soft: int
 
 
-@dataclass(frozen=True)
-class Weigh:
-    """The same for the potential energy [J]."""
-
-    unknowns: FloatArray
-    level: float
+class Weigh(Spot):
+    """A request to tell the potential energy [J]."""
 
 
-@dataclass(frozen=True)
-class At:
-    """A request to integrate at unknowns, shape (n,), or with the moments of clamps behind them, and a level."""
-
-    unknowns: FloatArray
-    level: float
+class At(Spot):
+    """A request to integrate, with the moments of clamps behind the unknowns or without."""
 
 
 @dataclass(frozen=True)
-class Clamp:
+class Clamp(Spot):
     """A request to integrate with clamps that carry no moment yet, by one of ``Parts.clampings``; None is the answer where there
     can be none."""
 
-    unknowns: FloatArray
-    level: float
     clamping: int = 0
 
 
 @dataclass(frozen=True)
-class Settle:
-    """A request to let damped dynamics go from unknowns, shape (n,), at a level until they rest, by so many integrations at most.
+class Settle(Spot):
+    """A request to let damped dynamics go from here until they rest, by so many integrations at most.
 
     The answer is the unknowns, None where they do not rest, how many it took, and why there is nothing, as ``Answer.edge``.
     """
 
-    unknowns: FloatArray
-    level: float
     most: int
 
 
 @dataclass(frozen=True)
-class Correct:
-    """A request for the equilibrium near unknowns, shape (n,), at a level, by Newton's method (``many.correct``).
+class Correct(Spot):
+    """A request for the equilibrium near here by Newton's method (``many.correct``).
 
     Attributes:
-        unknowns: Where it begins [1/m], shape (n,).
-        level: Part of the way.
         neutral: Modes along which no step goes.
         tolerance: Largest residual [1/m].
         left: Integrations that it may take.
@@ -88,8 +83,6 @@ class Correct:
         aside: Whether what is missing along these modes may be left.
     """
 
-    unknowns: FloatArray
-    level: float
     neutral: int
     tolerance: float
     left: int
