@@ -27,6 +27,7 @@ _UNBEGUN = np.array([[-1.0], [0.0], [0.0]])  # measures where an iteration has n
 LARGEST_NOISE = 1e-4  # in steps of Newton's method, relative: a longer one says how the iteration contracts
 UNLIMITED = 2**31 - 1
 ROUNDS = 64  # integrations in one launch, of few instances: who stops a batch waits no longer than that
+UNSLOWED = 1e300  # contraction that is never
 SLOW = 0.1  # contraction of a sample's Newton steps, from which what has several equilibria unloaded may have left its branch
 FEWER = 0.7  # of the instances that launches pass over, below which those that have ended leave
 
@@ -61,7 +62,7 @@ class Newton:
         state: Struct = NewtonState()
         self.state = state
         self._rooms: list[Any] = []
-        problem.share(state, ("order", "active", "fault", "unknowns", "residual"))
+        problem.share(state, ("order", "active", "fault", "step_count", "unknowns", "residual"))
         self._counters = wp.zeros((len(COUNTERS), count), dtype=wp.int32, device=device)
         self._measures = wp.zeros((len(MEASURES), count), dtype=wp.float64, device=device)
         for k, name in enumerate(COUNTERS):
@@ -70,6 +71,8 @@ class Newton:
             setattr(state, name, self._measures[k])
         state.has_reference = wp.zeros(count, dtype=wp.int32, device=device)
         state.damping = wp.zeros(count, dtype=wp.float64, device=device)
+        state.first_steps = wp.zeros(count, dtype=wp.int32, device=device)
+        state.hopeless = wp.full(1, UNSLOWED, dtype=wp.float64, device=device)
         state.accepted = wp.zeros((count, n), dtype=wp.float64, device=device)
         state.step = wp.zeros((count, n), dtype=wp.float64, device=device)
         self.eliminated: Eliminated | None = None
@@ -104,6 +107,7 @@ class Newton:
         self._has_reference = state.has_reference.numpy() if on_cpu else None
         self._allowed = state.allowed.numpy() if on_cpu else None
         self._tolerance = state.tolerance.numpy() if on_cpu else None
+        self._hopeless = state.hopeless.numpy() if on_cpu else None
         self.paths: Any = None  # of ``continuation.natural``, kept for the next
 
     def renew(self) -> None:
@@ -247,6 +251,15 @@ class Newton:
         self.state.tolerance.assign(tolerance)
         if self.eliminated is not None:
             self.eliminated.tolerance = tolerance
+
+    def give_up_wild(self, those: bool) -> None:
+        """Whether ``run`` gives those up that contract so slowly that they are doubted anyway, once they come to shapes that take
+        ``WILD`` times as many steps of the integrator as what they began with."""
+        slow = self.slow if those else UNSLOWED
+        if self._hopeless is not None:
+            self._hopeless[0] = slow
+        else:
+            self.state.hopeless.fill_(slow)
 
     def doubtful(self) -> bool:
         """Whether any instance of the last run failed or may have strayed."""

@@ -23,6 +23,7 @@ class NewtonState:
     order: wp.array[int]
     active: wp.array[int]
     fault: wp.array[int]
+    step_count: wp.array[int]
     unknowns: wp.array2d[wp.float64]
     residual: wp.array2d[wp.float64]
     gamma: wp.array3d[wp.float64]
@@ -36,6 +37,8 @@ class NewtonState:
     merit: wp.array[wp.float64]  # |eps| there; negative before the first evaluation
     damping: wp.array[wp.float64]
     contraction: wp.array[wp.float64]  # largest ratio of successive Newton steps
+    first_steps: wp.array[int]  # of the integrator, where the iteration began
+    hopeless: wp.array[wp.float64]  # (1,): contraction from which on what takes ``WILD`` times as many is given up
     reference: wp.array3d[wp.float64]  # Gamma of the last kept sample
     has_reference: wp.array[int]  # whether there is one
     change: wp.array[wp.float64]  # bound on the eigenvalues of Gamma reference^-1 - I at the end; 0 without a reference
@@ -60,6 +63,7 @@ TOLD = 4  # bounds on eigenvalues: two tests of two matrices
 UNLIKE = 1.0e30
 CHANGE_POWERS = 8.0
 FORGOTTEN = 0.25  # of how far a sample was missed, at the next
+WILD = 30  # times the steps of the integrator that an iteration began with: of shapes that no extrapolation leads to
 LARGE_CHANGE = 0.5  # of Gamma: no mode has vanished or changed sign where the change is less than 1
 f64 = wp.float64
 
@@ -414,7 +418,12 @@ def make_newton(block: int = 0, border: int = 0, told: bool = False, repeats: bo
     def advance(state: wp.ref[NewtonState], t: int):
         """One instance, after its integration."""
         state.integrations[t] = state.integrations[t] + 1
+        if state.merit[t] < f64(0.0):
+            state.first_steps[t] = state.step_count[t]
         status = iterate(state, t, state.line_search, f64(1.0e300))
+        wild = state.step_count[t] > wp.static(WILD) * state.first_steps[t]
+        if status == wp.static(int(Status.NOT_RUN)) and wild and state.contraction[t] > state.hopeless[0]:
+            status = int(wp.static(int(Status.STALLED)))
         if status == wp.static(int(Status.NOT_RUN)) and state.integrations[t] >= state.allowed[t]:
             status = int(wp.static(int(Status.INTEGRATION_LIMIT)))
         state.status[t] = status

@@ -128,10 +128,13 @@ class NewtonTrack(Track):
                 self._state.weights = wp.array(self._weights(), dtype=wp.float64, device="cpu")
                 self._sample = calls, newton.repeating(calls, self._state)
             problem.heed_stop()
+            newton.give_up_wild(True)
             self._sample[1].launch()
+            if not self._good[0]:
+                newton.go_on()  # where it was not at its end
+            newton.give_up_wild(False)
             if self._good[0]:
                 return newton.outcome()
-            newton.go_on()  # where it was not at its end
             return self._made_sure(newton.outcome(), None, self.known)
         first, going = None, self.known
         if not calm:
@@ -146,7 +149,9 @@ class NewtonTrack(Track):
             guess = np.where(going[:, None], guess, problem.read("unknowns"))
         problem.write("unknowns", guess)
         newton.allow(self.options.max_integrations)
+        newton.give_up_wild(self.inputs is not None)
         newton.run(None if first is None else going)
+        newton.give_up_wild(False)
         outcome = newton.outcome()
         if first is not None:
             outcome.status[~going] = first.status[~going]
