@@ -159,9 +159,9 @@ class Drag(mr.Load):
 
 class Spring(mr.Load):
     """``f = -k r (1 - h/sqrt(r^2 + h^2))``, ``r = p - (0, 0, s)``, and ``l = m (R e_x) x e_y``: springs between the rod and the
-    axis of its base, which push near it and pull far from it, and a keel that turns it; both have an energy."""
+    axis of its base, which hardly pull near it, and a keel that turns it; both have an energy, that of the springs is convex."""
 
-    force = moment = by_place = conservative = True
+    force = moment = by_place = conservative = convex = True
     parameters: ClassVar = {"stiffness": (1, -2), "rest": (0, 1), "keel": (1, 0)}
     raised = ("stiffness", "keel")
 
@@ -180,6 +180,14 @@ class Spring(mr.Load):
         by_springs = sizes.largest(cls, "stiffness") * sizes.largest(cls, "rest") * sizes.furthest_end() ** 3
         by_keel = sizes.largest(cls, "keel") * sizes.furthest_end() ** 2
         return (by_springs + by_keel) / sizes.least_stiffness
+
+    @classmethod
+    def moment_bound(cls, sizes):
+        return sizes.largest(cls, "keel")
+
+    @classmethod
+    def spring_bound(cls, sizes):
+        return sizes.largest(cls, "stiffness")
 
     @staticmethod
     def law(numbers: SimpleNamespace) -> SimpleNamespace:
@@ -249,6 +257,66 @@ class Spring(mr.Load):
             stretched = d(0.5) * dot(r, r) - h * softened(r, h)
             return row(memory, z + wp.static(K)) * stretched - row(memory, z + wp.static(M)) * arm.y
 
+        @wp.func
+        def spring(memory: memory_type, z: int) -> Real:
+            return row(memory, z + wp.static(K))
+
         return SimpleNamespace(
-            force=force, force_variation=force_variation, moment=moment, moment_variation=moment_variation, energy=energy
+            force=force,
+            force_variation=force_variation,
+            moment=moment,
+            moment_variation=moment_variation,
+            spring=spring,
+            energy=energy,
         )
+
+
+class Push(mr.Load):
+    """``f = k r``, ``r = p - (0, 0, s)``: what pushes a rod off the axis of its base, of the energy ``-k r^2/2`` per length."""
+
+    force = by_place = conservative = True
+    parameters: ClassVar = {"stiffness": (1, -2)}
+    raised = ("stiffness",)
+
+    def __init__(self, stiffness):
+        self.numbers = (stiffness,)
+
+    def values(self, section):
+        return np.asarray(self.numbers)
+
+    @classmethod
+    def size(cls, sizes):
+        return sizes.largest(cls, "stiffness") * FAR * sizes.furthest_end() ** 3 / sizes.least_stiffness
+
+    @classmethod
+    def push_bound(cls, sizes):
+        return sizes.largest(cls, "stiffness")
+
+    @staticmethod
+    def law(numbers: SimpleNamespace) -> SimpleNamespace:
+        Real, Vec3, Frame, Column, memory_type = (
+            numbers.Real,
+            numbers.Vec3,
+            numbers.Frame,
+            numbers.Column,
+            numbers.memory_type,
+        )
+        row, d, dot, scaled = numbers.row, numbers.d, numbers.dot, numbers.scaled
+        K = numbers.on_stretch("stiffness")
+
+        @wp.func
+        def force(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Vec3:
+            return scaled(row(memory, z + wp.static(K)), Vec3(p.x, p.y, p.z - s))
+
+        @wp.func
+        def force_variation(
+            memory: memory_type, z: int, a: int, g: int, ds: Real, frame: Frame, v: Column, dphi: Vec3, dp: Vec3
+        ) -> Vec3:
+            return scaled(row(memory, z + wp.static(K)), Vec3(dp.x, dp.y, dp.z - ds))
+
+        @wp.func
+        def energy(memory: memory_type, z: int, a: int, s: Real, frame: Frame, p: Vec3) -> Real:
+            r = Vec3(p.x, p.y, p.z - s)
+            return d(-0.5) * row(memory, z + wp.static(K)) * dot(r, r)
+
+        return SimpleNamespace(force=force, force_variation=force_variation, energy=energy)

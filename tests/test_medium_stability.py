@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from medium_energy import MediumEnergy, TubesInMedium
+from own_loads import Push
 from scipy.optimize import brentq
 
 import multirod as mr
@@ -47,6 +48,16 @@ def test_a_column_buckles_in_a_medium_where_a_beam_on_springs_does(k):
     assert first.load_factor == pytest.approx(beam_load(k, EI), rel=1e-8)
     assert second.load_factor == pytest.approx(beam_load(k, 2 * EI), rel=1e-8)
     assert (first.index_after, second.index_after) == (1, 2)
+
+
+@pytest.mark.parametrize(("push", "index"), [(12.3, 0), (12.4, 2), (485.0, 2), (486.0, 4), (3800.0, 4), (3820.0, 6)])
+def test_what_pushes_a_cantilever_off_its_line_has_the_modes_of_a_beam_that_vibrates(push, index):
+    """The fourth powers of 1.8751, 4.6941 and 7.8548 are the first of ``k L^4/EI``; a round rod bends to two sides."""
+    rod = mr.Rod(length=LENGTH, bending_stiffness=EI, torsional_stiffness=GJ, loads=[Push(push * EI / LENGTH**4)])
+    robot = mr.SingleRod(rod)
+    straight = mr.solve(robot, robot.inputs(), guess=np.zeros(6))
+    assert straight.index == index
+    assert straight.stability is (mr.Stability.UNSTABLE if index else mr.Stability.STABLE)
 
 
 def test_a_long_column_buckles_at_its_free_end():

@@ -74,6 +74,20 @@ def test_drawn_networks_whose_rods_have_loads_of_their_own_are_where_their_energ
     hold_against_their_energy(seed)
 
 
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # sections are drawn by lot
+def test_what_snaps_beside_springs_of_its_own_comes_to_rest():
+    """Where the branch of nine rods ends, one of them on springs and a keel: nothing was told of its stability."""
+    drawn = draw(4015)
+    solution = mr.solve(drawn.robot, drawn.inputs)
+    assert (solution.status, solution.stability) == (mr.Status.SNAPPED, mr.Stability.STABLE)
+    assert violation(drawn, solution) < 1e-6
+    graph, state = state_of(drawn, solution, 12)
+    state, index, _ = graph.settled(state)
+    assert index == 0
+    own = np.array([solution.body_position(name) for name in drawn.bodies])
+    assert np.abs(graph.positions(state) - own).max() < 0.01 * graph.length  # the error of 12 segments
+
+
 def hold_against_their_energy(seed):
     drawn = draw(seed, **FEW)
     solution = mr.solve(drawn.robot, drawn.inputs).raise_if_failed()

@@ -265,7 +265,7 @@ class BackboneProblem(BoundaryProblem):
         """Whether places along it can be clamped: not along several rods, or by lines of given length, nor under forces of whose
         stability nothing is told."""
         terms = self.features
-        told = all(load.convex for load in terms.loads if load.force)
+        told = all(load.is_judged() for load in terms.loads)
         return len(self.rods) == 1 and told and not (terms.condition_count or terms.friction)
 
     @cached_property

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 
+WAVES = 4.0  # radians of waves in a medium, by which a segment amplifies a variation some twentyfold
+PUSHED = 1.77  # the same of what pushes away: (28) of docs/stability.md, with a factor of 2 to spare
+
+
 class Sizes:
     """Of a ``BackboneProblem``."""
 
@@ -130,6 +134,13 @@ class Sizes:
         """Radians along the rods of waves in a medium, ``L (k/EI)^1/4``, at most, shape (instance_count,)."""
         springs = sum((load.spring_bound(self) for load in self.problem.features.loads), np.zeros(self.problem.instance_count))
         return np.asarray(self.furthest_end() * (springs / self.least_stiffness) ** 0.25)
+
+    def segments(self) -> FloatArray:
+        """(28) of ``docs/stability.md``: into how many segments what depends on where the rods are cuts them, shape
+        (instance_count,)."""
+        pushes = sum((load.push_bound(self) for load in self.problem.features.loads), np.zeros(self.problem.instance_count))
+        pushed = self.furthest_end() * (pushes / self.least_stiffness) ** 0.25
+        return np.asarray(np.maximum(self.waves() / WAVES, pushed / PUSHED))
 
     def largest(self, load: type[Load], name: str) -> FloatArray:
         """The largest of a parameter of a load that depends on the configuration, of any rod, shape (instance_count,)."""

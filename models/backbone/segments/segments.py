@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from multirod.models.backbone.problem import BackboneProblem
 
 CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])  # of a quaternion
-WAVES = 4.0  # radians of waves in a medium, by which a segment amplifies a variation some twentyfold
 LOOKED_AT = 33  # nodes at which moments and forces are bounded
 
 
@@ -374,7 +373,7 @@ class BackboneSegments(Segments):
         length = self.length(everyone)
         potential = force + self.problem.sizes.moment_per_length()[everyone]
         needed = segments_needed(length, self.problem.lines.least_stiffness()[everyone], moment, potential)
-        needed = np.maximum(np.maximum(needed, self.fewest_for_modes), self.problem.sizes.waves()[everyone] / WAVES)
+        needed = np.maximum(np.maximum(needed, self.fewest_for_modes), self.problem.sizes.segments()[everyone])
         few = needed < MOST_NODES - 1
         if not few.any():
             return cuts, few

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from multirod.models.backbone.kernels.layout.layout import residuals_of, unknowns_of
-from multirod.models.backbone.segments.segments import LOOKED_AT, WAVES
+from multirod.models.backbone.segments.segments import LOOKED_AT
 from multirod.models.backbone.stability.condensing.by_nodes import condensed_form
 from multirod.models.backbone.stability.condensing.forms import HeldTip, form_of
 from multirod.models.backbone.stability.condensing.second_variation import (
@@ -81,11 +81,7 @@ class BackboneStability(StabilityAnalysis):
         """Whether forces depend on the configuration in a way of which stability is not told."""
         problem = self.problem
         known = not problem.features.condition_count and not (problem.held and problem.features.turning_count)
-        return (
-            not known
-            and problem.features.world_force_is_state
-            or not all(load.convex for load in problem.features.loads if load.force)
-        )
+        return not known and problem.features.world_force_is_state or not all(load.is_judged() for load in problem.features.loads)
 
     def potential(self) -> FloatArray:  # noqa: D102
         call = self.problem.nodes.over(2)
@@ -243,7 +239,7 @@ class BackboneStability(StabilityAnalysis):
         """(22), (23) Of all instances whose forces depend on where they are, by segments between which they lead on."""
         if self.problem.features.turning_count:
             needed = self._segments_of(self.problem.nodes.over(LOOKED_AT))
-            return form_in_pieces(self.problem, np.maximum(needed, self.problem.sizes.waves() / WAVES))
+            return form_in_pieces(self.problem, np.maximum(needed, self.problem.sizes.segments()))
         problem, cut = self.problem, self.problem.cut
         everyone, unknowns = np.arange(problem.instance_count), cut.asked.read("unknowns")
         length, states = cut.length(everyone), cut.base_state(everyone, unknowns)

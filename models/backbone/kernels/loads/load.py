@@ -37,8 +37,9 @@ class Load(ABC):
         by_rod: Whether its law says what of the moment acts on each of several rods, by ``torques``.
         by_place: Whether they depend on the position: then that is integrated, and is part of every column.
         conservative: Whether they derive from an energy per length.
-        convex: Whether that depends on the position alone and is convex in it, as of springs that pull back to their places: then
-            it takes stability from no short stretch, and that of a single rod is told.
+        convex: Whether that, where it depends on the position, is convex in it and a part by itself, as of springs that pull back
+            to their places: then it takes stability from no short stretch, and is told. Of other forces ``push_bound`` says how
+            short stretches are to be.
         of_rod: The argument of ``Rod`` that gives it.
         input: The vector input of the robot on which they depend, fixed in the world and raised with the loads; None of others.
         parameters: Names of the numbers that the law needs of each rod, and their unit as powers of newton and metre. They are
@@ -80,6 +81,17 @@ class Load(ABC):
         """The most by which a force per length grows with the position [N/m^2], shape (instance_count,); zero of a law without
         ``spring``."""
         return np.zeros(sizes.problem.instance_count)
+
+    @classmethod
+    def push_bound(cls, sizes: "Sizes") -> FloatArray:
+        """The most by which a force per length pushes further away as the position moves: by which the energy, a part by itself,
+        is concave in that [N/m^2], shape (instance_count,); without it stability is not judged of a force that is not convex."""
+        return np.full(sizes.problem.instance_count, np.inf if cls.force and not cls.convex else 0.0)
+
+    @classmethod
+    def is_judged(cls) -> bool:
+        """Whether stability is told under its force, if there is one."""
+        return not cls.force or cls.convex or cls.push_bound.__func__ is not Load.push_bound.__func__  # type: ignore[attr-defined]  # of the method
 
     @classmethod
     def same_across(cls, sizes: "Sizes") -> NDArray[np.bool_]:
