@@ -4,12 +4,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import random_scenes
 from random_motions import DURATION, draw
 
 import multirod as mr
 from multirod.budget import Budget, Spent
 from multirod.solver import Outcome
 from multirod.solvers.energy_descent import EnergyDescentTrack
+from multirod.solvers.following import onward
+from multirod.solvers.following.follow import follow
 from multirod.solvers.newton.iteration import Newton
 from multirod.status import Fault, Status
 
@@ -279,6 +282,15 @@ def test_damped_dynamics_end_after_so_many_steps_along_the_rod():
     assert outcome.integrations.tolist() == [3, free.integrations[1]]  # the first over 100
     assert steps.tolist() == [150, needed]
     np.testing.assert_array_equal(unknowns[1], found[1])
+
+
+def test_what_nothing_kept_from_going_on_is_not_followed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond the end of a branch, by segments too, which lose it: the same way was gone twice."""
+    scene = random_scenes.draw("force", 20093)
+    ways = []
+    monkeypatch.setattr(onward, "follow", lambda *given, **named: ways.append(named["loud"]) or follow(*given, **named))
+    assert mr.solve(scene.robot, scene.inputs).status is mr.Status.BRANCH_END
+    assert ways == [onward.LOUD]
 
 
 @pytest.mark.parametrize("count", [1, 20])

@@ -89,7 +89,9 @@ def go_on(
     most = outcome.left_of(options.max_integrations) if left is None else left
     noisy = followed(lost, most, LOUD if segmented else np.inf)
     again = np.zeros_like(lost)
-    again[[k for k, own in noisy.items() if own.lost is not None and np.linalg.norm(own.lost.gamma) > LOUD]] = segmented
+    # the others would go the same way
+    hushed = {k: own.lost for k, own in noisy.items() if own.hushed and own.lost is not None}
+    again[[k for k, point in hushed.items() if np.linalg.norm(point.gamma) > LOUD]] = segmented
     again &= failures(outcome.status)
     if again.any():  # what segments lose may go on as ever
         followed(again, outcome.left_of(options.max_integrations), np.inf)

@@ -102,6 +102,7 @@ class Walk:
         hardly: Modes in which hardly anything holds what it has come down a valley to: 1, or none.
         valley: Whether it has come to one.
         beside: Whether the last step beyond a critical point led to what is beside it.
+        hushed: Whether it was kept from going on along a branch as ``Way.loud`` says.
         edge: Why there is nothing where the last descent led.
         events: What happened.
         places: Of the end effector, at each [m].
@@ -121,6 +122,7 @@ class Walk:
     hardly: int = 0
     valley: bool = False
     beside: bool = False
+    hushed: bool = False
     edge: Status = Status.NOT_RUN
     events: list[BranchEvent] = field(default_factory=list)
     places: list[FloatArray] = field(default_factory=list)
@@ -244,9 +246,10 @@ class Walk:
         ways = first, self.way.safe_step, self.way.most_step, self.way.max_steps
         aside = self.hardly > neutral
         count = max(neutral, self.hardly)
-        return (
-            yield from self._ask(Trace(start, count, self.way.tolerance, self.remaining, *ways, origin, aside, self.way.loud))
-        ).point
+        trace = Trace(start, count, self.way.tolerance, self.remaining, *ways, origin, aside, self.way.loud)
+        end = (yield from self._ask(trace)).point
+        self.hushed |= bool(end.level < 1 and np.linalg.norm(end.gamma) > self.way.loud)
+        return end
 
     def _let_down(self, point: Point) -> Run:
         """(13) The equilibrium to which the valley leads in which a point is; None where none was found."""
