@@ -499,3 +499,43 @@ def test_a_sample_of_a_network_does_not_pass_two_bifurcations_unseen():
     history = mr.simulate(robot, robot.inputs(force=push), time=time)
     assert history.status[1] is mr.Status.BIFURCATED
     assert (history.stability == mr.Stability.STABLE).all()
+
+
+def test_clamps_beside_rods_in_holes_turn_and_move_with_the_bases_of_theirs():
+    """(26), (27), and what their moments do to the residual, by differences; the rod in the holes has none."""
+    robot = threaded()
+    problem, x = clamped(robot, robot.inputs(**SLIDING))
+    assert problem.clamps.size == 3 * 5 * 3  # of three rods, cut into six
+    hold_columns_of_clamps(problem, x)
+
+
+def test_struts_beside_a_straight_guide_sway_where_beams_do():
+    """A carriage on a guide, pushed down on two struts beside it: guide and struts bend to one side together, as their stiffness
+    by its way and turn, (2 P of the struts) of a beam under thrust, becomes singular. The straight guide answers no push."""
+    L = 0.2
+    guide = mr.Rod(length=2 * L, bending_stiffness=50 * EI, torsional_stiffness=50 * EI)
+    strut = mr.Rod(length=L, bending_stiffness=EI, torsional_stiffness=EI)
+    carriage = mr.Body("carriage")
+    joints = [
+        mr.Joint("guide", "base", to=mr.ground),
+        mr.Joint("guide", "along", at=L, to=carriage, kind="prismatic"),
+    ]
+    for name, x in (("left", -0.05), ("right", 0.05)):
+        foot = pose(position=(x, 0, 0))
+        joints += [mr.Joint(name, "base", to=mr.ground, pose=foot), mr.Joint(name, "tip", to=carriage, pose=foot)]
+    robot = mr.Network(rods={"guide": guide, "left": strut, "right": strut}, bodies=[carriage], joints=joints)
+
+    def stiffness(thrust):  # of both, per EI of a strut, the thrust on one in EI/L^2
+        f = np.sqrt(thrust)
+        v, m, t = f**3 * np.sin(f), f**2 * (1 - np.cos(f)), f * (np.sin(f) - f * np.cos(f))
+        struts = np.array([[v, -m], [-m, t]]) / (2 - 2 * np.cos(f) - f * np.sin(f))
+        return 2 * struts + 50 * np.array([[12, -6], [-6, 4]])
+
+    critical = brentq(lambda thrust: np.linalg.det(stiffness(thrust)), 20.0, 39.0)
+    push = 1.1 * critical
+    found = mr.solve(robot, robot.inputs(force={"carriage": (0, 0, -2 * push * EI / L**2)})).raise_if_failed()
+    (event,) = found.events
+    assert found.status is event.status is mr.Status.BIFURCATED
+    assert event.load_factor == pytest.approx(1 / 1.1, rel=1e-5)
+    np.testing.assert_allclose(np.abs(event.tip_displacement), (0, 1, 0), atol=1e-3)
+    assert found.stability is mr.Stability.STABLE

@@ -32,8 +32,13 @@ class NetworkParts(PartsAtEqualSteps["NetworkProblem"]):
 
     @property
     def may_be_clamped(self) -> bool:
-        """Not where rods slide: how long pieces are would move their clamps."""
-        return not self.problem.layout.holes and all(group.backbones.may_be_clamped for group in self.problem.groups)
+        """Those that do not slide, if there are: how long pieces are would move the clamps of others."""
+        still = [group.backbones for group in self.problem.groups if not group.slides]
+        return bool(still) and all(own.may_be_clamped for own in still)
+
+    @property
+    def all_clamped(self) -> bool:  # noqa: D102
+        return self.may_be_clamped and not self.problem.layout.holes
 
     @property
     def _arrays(self) -> Sequence[RodArrays]:

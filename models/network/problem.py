@@ -60,7 +60,8 @@ class NetworkProblem(Loaded):
         inputs: The inputs.
         integrator, device, pose_sensitivities, direction_count, lengths, design, enabled: As for ``Assembly.problem``.
         placed: Whether directions may be along poses of joints.
-        pieces: Of each rod; of more than one, there are clamps between them, whose moments are the directions.
+        pieces: Of each rod that does not slide through holes; of more than one, there are clamps between them, whose moments are
+            the directions.
     """
 
     guess_integrations: int = 1
@@ -87,7 +88,7 @@ class NetworkProblem(Loaded):
         self.effector_frame: FloatArray = np.eye(4) if effector_frame is None else effector_frame
         self.rod_count, self.body_count = len(graph.rods), len(graph.moving)
         if pieces > 1:
-            direction_count = 3 * (pieces - 1) * self.rod_count
+            direction_count = 3 * (pieces - 1) * int((~graph.slides.sliding).sum())
         self.entries = entries = graph.entries
         self.places, self.first_hole, self.first_pose, n = entries.variables, entries.first_hole, entries.first_pose, entries.size
         self.effector_rod = graph.effector_rod(end_effector)

@@ -46,7 +46,9 @@ class Departure(Walk):
         self.hardly, self.edge = 0, Status.NOT_RUN
         landed = (yield from self._leave_or_stay(critical, self._overshoot(critical))) if self.way.by_tip else None
         for clamping in range(self.way.clampings):
-            if landed is None and (clamped := (yield from self._clamped(critical, clamping))) is not None:
+            if landed is not None or self.edge is not Status.NOT_RUN:  # what falls to where nothing is does so with clamps too
+                break
+            if (clamped := (yield from self._clamped(critical, clamping))) is not None:
                 landed = yield from self._leave_clamped(clamped)
         return landed
 

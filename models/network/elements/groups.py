@@ -50,7 +50,7 @@ class RodGroup:
         direction_count: Directions of inputs.
         first_drive: Where what drives lines begins among the inputs.
         options: Of ``BackboneProblem``.
-        pieces: Of each rod, clamps between them, whose moments are the directions.
+        pieces: Of each rod that does not slide, clamps between them, whose moments are the directions.
 
     Attributes:
         turns: Whether columns say what turning a base does to what acts along the rod: not where nothing acts, or no base turns.
@@ -72,6 +72,7 @@ class RodGroup:
         self.members: NDArray[np.intp] = np.array(members)
         self.turns = bool(options["enabled"]) and bool(moving[self.members].any())
         self.slides = bool(graph.slides.sliding[self.members].any())
+        pieces = 1 if self.slides else pieces  # how long those are would move their clamps
         arrays = stack([graph.arrays[k].repeated(batch_shape) for k in members], batch_shape)
         first = graph.rods[members[0]]
         self.drive = first_drive + graph.drive[self.members, : len(graph.drives[members[0]])]
@@ -87,7 +88,7 @@ class RodGroup:
             arrays=arrays,
             direction_count=direction_count + turning + self.slides,
             pieces=pieces,
-            first_moment=np.tile(turning + 3 * (pieces - 1) * self.members, size),
+            first_moment=np.tile(turning + 3 * (pieces - 1) * graph.slides.still[self.members], size),
             load_directions=turning,
             **options,
         )
@@ -162,7 +163,7 @@ def builds(graph: Graph, moving: NDArray[np.bool_] | None, lanes: int) -> list[l
     """
     found: dict[Any, list[int]] = {}
     for k, (rod, arrays) in enumerate(zip(graph.rods, graph.arrays, strict=True)):
-        key = (rod.rod_count, rod.transmission, arrays.build, int(graph.slides.pieces[k]))
+        key = (rod.rod_count, rod.transmission, arrays.build, int(graph.slides.pieces[k]), bool(graph.slides.sliding[k]))
         found.setdefault(key, []).append(k)
     if moving is None:
         return list(found.values())

@@ -126,6 +126,11 @@ class Slides:
         """Whether its rod slides through holes, shape (piece_count,)."""
         return np.isin(self.owner, self.owner[(self.lower != NONE) | (self.upper != NONE)])
 
+    @property
+    def still(self) -> NDArray[np.intp]:
+        """The number of each piece among those of rods that do not, of no meaning where one does, shape (piece_count,)."""
+        return np.asarray(np.cumsum(~self.sliding) - 1)
+
     def of(self, rod: int) -> list[int]:
         """Pieces of a rod, from its base."""
         return np.flatnonzero(self.owner == rod).tolist()

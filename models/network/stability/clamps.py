@@ -23,7 +23,8 @@ AXIS = np.array([0.0, 0.0, 1.0])  # of a rod
 
 
 class NetworkClamps(Clamps):
-    """Of a ``NetworkProblem`` made of several pieces a rod: the clamps of the first rod, then those of the next.
+    """Of a ``NetworkProblem`` made of several pieces a rod: the clamps of the first rod that does not slide through holes, then
+    those of the next.
 
     They turn and move with the base of their rod, (26), (27).
     """
@@ -31,10 +32,12 @@ class NetworkClamps(Clamps):
     def __init__(self, problem: "NetworkProblem") -> None:
         self.problem, self.each = problem, problem.pieces - 1
         self._pairs = NetworkConjugates(problem, turns_alone=True)
-        self.size = 3 * self.each * problem.rod_count
-        unit = np.zeros((problem.instance_count, problem.rod_count, self.each, 3))
-        for group in problem.groups:
-            unit[:, group.members] = clamped(group.backbones).unit.reshape(problem.instance_count, -1, 1, 3)
+        self.still = np.flatnonzero(~problem.graph.slides.sliding)  # the rods that are clamped
+        self.size = 3 * self.each * len(self.still)
+        self._groups = [(group, problem.graph.slides.still[group.members]) for group in problem.groups if not group.slides]
+        unit = np.zeros((problem.instance_count, len(self.still), self.each, 3))
+        for group, places in self._groups:
+            unit[:, places] = clamped(group.backbones).unit.reshape(problem.instance_count, -1, 1, 3)
         self.unit = unit.reshape(-1, self.size)
 
     @property
@@ -43,8 +46,8 @@ class NetworkClamps(Clamps):
 
     def put(self, moments: FloatArray) -> None:  # noqa: D102
         own = moments.reshape(len(moments), -1, self.each, 3)
-        for group in self.problem.groups:
-            clamped(group.backbones).moments[:] = own[:, group.members].reshape(-1, self.each, 3)
+        for group, places in self._groups:
+            clamped(group.backbones).moments[:] = own[:, places].reshape(-1, self.each, 3)
 
     def turned(self) -> FloatArray:  # noqa: D102
         columns = self._by_rods("turned")
@@ -57,7 +60,7 @@ class NetworkClamps(Clamps):
         columns, state = self._by_rods("moved"), self.problem.state()
         columns[..., OWN : OWN + TURNING] -= cross_matrix(self._in_base("places", 3))  # (27)
         by_base, moves = self._bases(state)
-        found = self._by_unknowns(state.ends[0].rotation[:, :, None] @ columns, by_base, moves)
+        found = self._by_unknowns(state.ends[0].rotation[:, self.still, None] @ columns, by_base, moves)
         return found.reshape(len(found), -1, 3, found.shape[-1])
 
     def give(self) -> FloatArray:  # noqa: D102
@@ -71,12 +74,12 @@ class NetworkClamps(Clamps):
         return result
 
     def frames(self) -> FloatArray:  # noqa: D102
-        found = self.problem.state().ends[0].rotation[:, :, None] @ self._in_base("frames", 3, 3)
+        found = self.problem.state().ends[0].rotation[:, self.still, None] @ self._in_base("frames", 3, 3)
         return found.reshape(len(found), -1, 3, 3)
 
     def _bases(self, state: "State") -> tuple[FloatArray, FloatArray]:
-        """(5) By the angles of the joints at the bases, then by the poses of the bodies there: how bases turn, in their axes, and
-        move, in the world, both of shape (instance_count, rod, 3, MOST + POSE)."""
+        """(5) By the angles of the joints at the bases, then by the poses of the bodies there: how bases of rods that are clamped
+        turn, in their axes, and move, in the world, both of shape (instance_count, rod, 3, MOST + POSE)."""
         problem, base, frames = self.problem, state.ends[0], state.frames
         holder, L = problem.graph.ends[0].frame, problem.length
         turns = frames.turns[:, holder]  # zero of the ground
@@ -90,27 +93,26 @@ class NetworkClamps(Clamps):
         scale = L[:, problem.rod_count + body, None, None] ** 2
         moves[:, at, :, MOST : MOST + 3] = scale * frames.axes[:, body]
         moves[..., MOST + 3 :] = -cross_matrix(base.position - frames.position[:, holder]) @ turns
-        return by_base, moves
+        return by_base[:, self.still], moves[:, self.still]
 
     def _in_base(self, name: str, *tail: int) -> FloatArray:
         """What chains say of their clamps, in the frames of the bases, shape (instance_count, rod, clamp, ...)."""
-        problem = self.problem
-        result = np.zeros((problem.instance_count, problem.rod_count, self.each, *tail))
-        for group in problem.groups:
-            result[:, group.members] = getattr(clamped(group.backbones), name).reshape(len(result), -1, self.each, *tail)
+        result = np.zeros((self.problem.instance_count, len(self.still), self.each, *tail))
+        for group, places in self._groups:
+            result[:, places] = getattr(clamped(group.backbones), name).reshape(len(result), -1, self.each, *tail)
         return result
 
     def _by_rods(self, name: str) -> FloatArray:
         """Columns of the clamps by the unknowns of their rods, by turns of the bases, then by the moments of all clamps, in the
         frames of the bases, shape (instance_count, rod, clamp, 3, k)."""
-        problem, first = self.problem, OWN + TURNING
-        result = np.zeros((problem.instance_count, problem.rod_count, self.each, 3, first + self.size))
-        for group in problem.groups:
+        first = OWN + TURNING
+        result = np.zeros((self.problem.instance_count, len(self.still), self.each, 3, first + self.size))
+        for group, places in self._groups:
             chain = clamped(group.backbones)
             values = getattr(chain, name).reshape(len(result), -1, *getattr(chain, name).shape[1:])
             last = OWN + chain.loads
-            result[:, group.members, ..., :last] = values[..., :last]
-            for place, rod in enumerate(group.members.tolist()):
+            result[:, places, ..., :last] = values[..., :last]
+            for place, rod in enumerate(places.tolist()):
                 own = first + 3 * self.each * rod
                 result[:, rod, ..., own : own + 3 * self.each] = values[:, place, ..., last:]
         return result
@@ -130,7 +132,7 @@ class NetworkClamps(Clamps):
         values = np.concatenate([columns[..., :OWN], by_all], axis=-1)
         variables = [*range(OWN), *(k for at in (layout.angles_at[0], layout.poses_at[0]) for k in range(at.start, at.stop))]
         result = np.zeros((*columns.shape[:-1], n + self.size))
-        for rod, places in enumerate(problem.places[:, variables]):
+        for rod, places in enumerate(problem.places[self.still[:, None], variables]):
             result[:, rod][..., places[places >= 0]] = values[:, rod][..., places >= 0]
         result[..., n:] = columns[..., OWN + TURNING :]
         return result

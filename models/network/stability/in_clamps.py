@@ -40,7 +40,7 @@ class InClamps:
 def in_clamps(problem: "NetworkProblem", rows: IntArray) -> InClamps | None:
     """(45) By how clamps turn, and what is free at the ends, of the instances ``rows``; None where there can be no clamps."""
     parts = problem.parts
-    if parts is None or not parts.may_be_clamped:
+    if parts is None or not parts.all_clamped:
         return None
     part = parts.clamped(rows, PIECES)
     clamps = part.clamps
