@@ -108,6 +108,9 @@ class WrappedProblem(BoundaryProblem):
     def guess(self) -> FloatArray:  # noqa: D102
         return self.inner.guess()
 
+    def unheld(self, instance: int) -> str:  # noqa: D102
+        return self.inner.unheld(instance)
+
     def loose(self) -> list[str]:  # noqa: D102
         return self.inner.loose()
 

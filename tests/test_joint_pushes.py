@@ -249,6 +249,8 @@ def test_what_turns_a_round_rod_about_itself_along_it_is_loose():
     assert across.status is mr.Status.CONVERGED
     along = mr.solve(robot, robot.inputs(rod_moment={"rod": (0, 0, 1e-4)}, **push), solver=EXACT)
     assert along.status is mr.Status.LOOSE
+    with pytest.raises(mr.SolveError, match=r"\(nothing holds rod 'rod' against turning about itself\)$"):
+        along.raise_if_failed()
     assert np.isnan(along.tip_position).all()
 
 

@@ -89,6 +89,8 @@ def test_a_torque_that_turns_a_crank_on_and_on_is_said_to():
     found = mr.solve(robot, robot.inputs(joint_torque={"post tip": 0.04}, force={"crank": (0.1, 0.05, -0.1)}))
     assert found.status is mr.Status.LOOSE
     assert found.integrations < 4500  # of which 1500 looked for rest elsewhere
+    with pytest.raises(mr.SolveError, match=r"\(nothing holds joint 'post tip' against turning\)$"):
+        found.raise_if_failed()
 
 
 def on_two_rails(**spring):
@@ -115,6 +117,8 @@ def test_what_slides_away_is_said_to():
     found = pushed(1.0)
     assert found.status is mr.Status.LOOSE
     assert "slides it away" in found.status.message
+    with pytest.raises(mr.SolveError, match=r"\(nothing holds joint 'link base' along its slide, nor joint 'link tip' along"):
+        found.raise_if_failed()
     assert found.integrations < 2500
     moment = {"plate": (0, 0.001, 0.002)}  # which has no potential
     turned = mr.solve(robot, robot.inputs(slide_force={"link base": 1.0}, force={"plate": (0, 0.3, -0.2)}, moment=moment))

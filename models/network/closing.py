@@ -199,6 +199,24 @@ class Loaded(BoundaryProblem):
                 result[:, places[rods, which]] = np.broadcast_to(value, problem.length.shape)[:, rods]
         return result
 
+    def unheld(self, instance: int) -> str:
+        """Joints without a spring that torques turn, or that slide, (47), (48); rods that what acts along them turns, (46)."""
+        problem = cast("NetworkProblem", self)
+        graph, found = problem.graph, list[tuple[str, str]]()
+        pushes = graph.pushes(problem.read("inputs")[:, problem.pushed_place])
+        real = graph.slides.first, graph.slides.last  # ends of rods as given
+        for name, end, at, push, ends in zip(("base", "tip"), graph.ends, problem.layout.angles_at, pushes, real, strict=True):
+            table = end.table
+            free = (problem.places[:, at] >= 0) & (table.stiffness == 0) & ends[:, None]
+            turned = free & ~table.slides & (push[instance] != 0)
+            for how, some in (("against turning", turned), ("along its slide", free & table.slides)):
+                owners = graph.slides.owner[some.any(axis=1)].tolist()
+                found += [(f"joint {f'{graph.whole_names[rod]} {name}'!r}", how) for rod in owners]
+        if not found and self.result_test is not None:
+            found = [(f"rod {own.name!r}", "against turning about itself") for own in graph.turning]
+        said = [f"{what} {how}" for what, how in found]
+        return f" (nothing holds {', nor '.join(said)})" if said else ""
+
     def load_scale(self) -> FloatArray:
         """What acts on rods, bodies and tips, and how far tips are from where they are to be: a turn is a moment in ``EI/L``."""
         problem = cast("NetworkProblem", self)

@@ -216,6 +216,11 @@ class Offers(Buffers):
         rod is bent, a mechanism; ``""`` where it does not. It integrates nothing if ``guess`` was called."""
         return [""] * self.instance_count
 
+    def unheld(self, instance: int) -> str:
+        """What nothing holds where an instance turns or slides on and on, as the end of a message; empty if nothing is known."""
+        del instance
+        return ""
+
     def is_loose(self) -> NDArray[np.bool_]:
         """Whether it moves so, shape (instance_count,)."""
         return np.array([name != "" for name in self.loose()], dtype=bool)

@@ -365,7 +365,7 @@ class Solution(Asked, Wrenches[Robot_co]):
             if status is Status.OUT_OF_REACH:
                 return problem.reach.said(instance) if problem.reach is not None else ""
             name = problem.loose()[instance]
-        return f" (body {name!r} moves most)" if name else ""
+            return f" (body {name!r} moves most)" if name else problem.unheld(instance)
 
     def __repr__(self) -> str:
         if not self.batch_shape:
