@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from damped_flow import flowed
 from random_graphs import draw, state_of, violation
 
 import multirod as mr
@@ -86,6 +87,18 @@ def test_what_snaps_beside_springs_of_its_own_comes_to_rest():
     assert index == 0
     own = np.array([solution.body_position(name) for name in drawn.bodies])
     assert np.abs(graph.positions(state) - own).max() < 0.01 * graph.length  # the error of 12 segments
+
+
+@pytest.mark.filterwarnings("ignore::multirod.PlausibilityWarning")  # sections are drawn by lot
+@pytest.mark.parametrize(("seed", "part"), [(852, 0.25), (848, 0.25)])
+def test_what_has_no_potential_is_pulled_out_of_a_hole_where_damped_dynamics_do_so(seed, part):
+    """From where a part of the loads holds it: four segments a rod go to where a piece in a hole has no length."""
+    less, drawn = draw(seed, load=part), draw(seed)
+    _, state = state_of(less, mr.solve(less.robot, less.inputs).raise_if_failed(), 4)
+    state, rests = flowed(graph := drawn.rods(4), state)
+    assert not rests
+    assert min(graph.length_of(piece, state[1]) for piece in graph.piece) < 0.02 * graph.length
+    assert mr.solve(drawn.robot, drawn.inputs).status is mr.Status.OUT_OF_HOLE
 
 
 def hold_against_their_energy(seed):
