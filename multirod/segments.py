@@ -148,18 +148,21 @@ class Cuts:
         return Cuts(self.instances, np.append(0, np.cumsum(counts)), start, end, states, unknowns, steps)
 
     def halves(self, long: BoolArray) -> "Cuts":
-        """The first halves of the segments that are ``long``, (segment_count,), of the instances that have such."""
+        """The first halves of the segments that are ``long``, (segment_count,), of the instances that have such; they end where
+        a step does, so that both halves have the steps that the segment had."""
         counts = np.bincount(self.owner[long], minlength=len(self.instances))
         some = counts > 0
-        start = self.start[long]
+        start, steps = self.start[long], self.steps[long]
+        first = (steps + 1) // 2
+        share = np.where(steps > 1, first / np.maximum(steps, 1), 0.5)
         return Cuts(
             self.instances[some],
             np.append(0, np.cumsum(counts[some])),
             start,
-            start + 0.5 * (self.end[long] - start),
+            start + share * (self.end[long] - start),
             self.states[long],
             self.unknowns[some],
-            (self.steps[long] + 1) // 2,
+            first,
         )
 
     def halved(self, long: BoolArray, half: "Cuts", middle: FloatArray) -> "Cuts":
@@ -168,6 +171,7 @@ class Cuts:
         counts = self.counts + np.bincount(self.owner[long], minlength=len(self.instances))
         end, steps = self.end.copy(), self.steps.copy()
         end[at], steps[at] = half.end, half.steps
+        rest = self.steps[at] - half.steps
         return Cuts(
             self.instances,
             np.append(0, np.cumsum(counts)),
@@ -175,7 +179,7 @@ class Cuts:
             np.insert(end, at + 1, self.end[at]),
             np.insert(self.states, at + 1, middle, axis=0),
             self.unknowns,
-            np.insert(steps, at + 1, half.steps),
+            np.insert(steps, at + 1, np.where(rest > 0, rest, half.steps)),
         )
 
 

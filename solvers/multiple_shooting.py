@@ -97,7 +97,7 @@ class MultipleShooting(Solver):
         count = len(instances)
         paths = self._paths(problem, instances, np.full(count, self.max_integrations))
         given = np.full(count, self.integrator.steps or 0) if steps is None else steps.astype(np.intp)
-        place = paths.begin(problem.read("unknowns")[instances], np.ones(count), given)
+        place = paths.closed(paths.begin(problem.read("unknowns")[instances], np.ones(count), given))
         points = {k: place.cuts.points(at) for at, k in enumerate(instances.tolist()) if place.found.fault[at] == 0}
         if not points or paths.segments.end_held:  # whose conditions hold what symmetry leaves neutral
             return points

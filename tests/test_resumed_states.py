@@ -186,3 +186,81 @@ def test_segments_do_not_go_on_by_what_is_unstable_though_its_base_leads_to_its_
     states = by_segments.states(problem, np.array([0]))
     outcome, _ = by_segments.resume_branch(problem, states, problem.read("inputs"), np.array([50]))
     assert outcome.status[0] == status
+
+
+SOFT = {  # of rods 0.3 m long: stiffness in bending and torsion, precurvature, and the corners of a way of their loads
+    "coiled": (
+        4.649e-5,
+        3.383e-5,
+        (-2.96, 18.68, 26.23),
+        {"tip_force": ((0.00411, 0.08183, -0.02505), (0.18095, -0.19332, -0.02273))},
+    ),
+    "turned": (
+        1.226e-4,
+        6.214e-5,
+        (20.74, 3.583, -22.79),
+        {
+            "tip_force": ((-0.61579, -0.0264, -0.72046), (-0.2633, 0.17445, -0.28194), (-0.00323, 0.30013, 0.11415)),
+            "distributed_force": ((-0.29255, -0.35484, -0.68408), (-0.17553, -0.2129, -0.41045), (-0.05851, -0.07097, -0.13682)),
+            "tip_moment": ((0.00286, -0.00065, -0.00018), (0.00236, -0.00053, -0.00015), (0.00104, -0.00023, -7e-05)),
+        },
+    ),
+    "lifted": (
+        8.215e-4,
+        4.953e-4,
+        (2.498, 3.976, -0.1067),
+        {
+            "tip_force": ((3.794, 7.469, 2.613), (3.74, 5.786, 2.621), (3.689, 4.123, 2.633), (3.645, 2.498, 2.651)),
+            "distributed_force": (
+                (-18.41, -18.197, -31.706),
+                (-16.472, -16.281, -28.369),
+                (-14.534, -14.366, -25.031),
+                (-12.596, -12.45, -21.694),
+            ),
+        },
+    ),
+}
+
+
+def moved(name, times, solver):
+    """The motion of one of them, so many samples from corner to corner; and its inputs."""
+    EI, GJ, bent, ways = SOFT[name]
+    robot = mr.SingleRod(mr.Rod(length=0.3, bending_stiffness=EI, torsional_stiffness=GJ, precurvature=bent))
+    corners = len(ways["tip_force"])
+    at = np.linspace(0, corners - 1, (corners - 1) * times + 1)
+    inputs = robot.inputs(
+        **{key: np.stack([np.interp(at, range(corners), one) for one in np.transpose(way)], axis=1) for key, way in ways.items()}
+    )
+    return mr.simulate(robot, inputs, time=at, solver=solver, progress=False), robot, inputs
+
+
+@pytest.mark.parametrize("solver", [mr.Shooting(), mr.Shooting(integrator=mr.RK4(100))], ids=["RK45", "RK4"])
+def test_states_are_led_to_their_own_equilibrium_before_it_is_asked_what_is_neutral(solver):
+    """Steps between breakpoints err otherwise than those from the base: every sample was ``STALLED``, as a mode was taken for
+    neutral."""
+    motion, robot, inputs = moved("coiled", 5, solver)
+    cold = mr.solve(robot, inputs, solver=solver).raise_if_failed()
+    np.testing.assert_allclose(
+        motion.raise_if_failed().tip_position, cold.tip_position, rtol=0, atol=1e-4 * 0.3
+    )  # RK4 errs by 1e-5
+
+
+def test_a_sample_far_from_the_last_is_come_to_as_by_many_between():
+    """After 300 integrations by states it was left to damped dynamics, which led elsewhere."""
+    solver = mr.Shooting(integrator=mr.RK4(100))
+    far, near = (moved("turned", times, solver)[0] for times in (1, 8))
+    assert not any(far.events)
+    np.testing.assert_allclose(far.tip_position, near.raise_if_failed().tip_position[::8], rtol=0, atol=1e-6 * 0.3)
+
+
+def test_what_is_solved_anew_is_led_back_to_where_the_robot_was():
+    """On the way to the last sample its branch ends, and without a guess another was found: it was ``MULTIPLE_SHOOTING``, with no
+    event."""
+    solver = mr.Shooting(integrator=mr.RK4(100))
+    motion, robot, inputs = moved("lifted", 1, solver)
+    assert np.isfinite(motion.tip_position[:3]).all()
+    there = mr.solve(robot, inputs[3], solver=solver).raise_if_failed()
+    back = mr.simulate(robot, inputs[[3, 2]], time=[0.0, 1.0], solver=solver, progress=False).raise_if_failed()
+    np.testing.assert_array_equal(back.tip_position[0], there.tip_position)
+    assert np.linalg.norm(back.tip_position[1] - motion.tip_position[2]) > 0.1 * 0.3
+    assert motion.status[3] == mr.Status.BRANCH_END or motion.events[3]

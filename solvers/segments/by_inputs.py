@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 ATTEMPT = 40  # integrations that a step may take: it takes 10 to 20, or fails
 HALVINGS = 8  # of a step of the inputs
-IN_ALL = 300  # integrations that all may take: from the unloaded rod it takes as many
+IN_ALL = 1500  # integrations that all may take: what it costs to be lost is as much
 
 
 def unsafe(problem: BoundaryProblem, change: FloatArray) -> BoolArray:
@@ -77,6 +77,7 @@ def change_inputs(
     outcome, points = Outcome.zeros(problem.instance_count), dict[int, Breakpoints]()
     here, now, known = before.copy(), problem.read("inputs"), dict(last)
     halved, allowed = np.zeros(len(here)), np.minimum(allowed, IN_ALL)
+    steady = np.ones(len(here), dtype=bool)  # if the last step led on
     places = np.array(list(known), dtype=int)
     assert problem.parts is not None  # or there is no method
     try:
@@ -97,7 +98,9 @@ def change_inputs(
             known |= new
             points |= {k: new[k] for k in places[found].tolist()}
             here[places[led]] = ahead[places[led]]
-            halved[places] = np.where(led, np.maximum(halved[places] - 1, 0), halved[places] + 1)
+            longer = np.maximum(halved[places] - steady[places], 0)  # what was halved just now is too long once more
+            halved[places] = np.where(led, longer, halved[places] + 1)
+            steady[places] = led
             on = (halved[places] <= HALVINGS) & (outcome.integrations[places] < allowed[places])
             places = places[np.where(led, ~there, on)]
     finally:

@@ -27,6 +27,7 @@ LOAD_RATIO = 1.0  # later steps, relative to the load reached
 PATIENCE = 2  # halvings of a step, after which the equilibrium that it starts from is found to the tolerance
 POLISH = 10  # Newton's steps by which that is found
 NEAR = 1e-3  # Newton steps no longer than this, relative to the last step of the load, are left on the way
+APART = 1e-3  # gap, over the length: what is lacking so little is the equilibrium that an integration from the base told
 CHECKED = 1.25  # growth of the load after which the steps of segments are looked at again on the way
 COMPARED_CLOSELY = 12  # times that, where a few vectors do not say that no mode vanished
 
@@ -112,6 +113,18 @@ class SegmentedPaths(SegmentedEquilibria):
             kept, _ = self.refine(place.chosen(given), level[given], np.ones(int(given.sum()), dtype=bool), steps_kept=True)
             place = place.put(given, kept)
         return self.refine(place, level)[0]
+
+    def closed(self, place: Place) -> Place:
+        """Places at the full load, led to where segments lack little.
+
+        Their equal steps err otherwise than those of a whole rod, and where that is amplified, modes are not those of what was
+        found by these.
+        """
+        apart = self.largest(place.cuts, self.gaps(place)) > APART / self.segments.length(place.cuts.instances)
+        if not apart.any():
+            return place
+        led, reached = self.descend(place.chosen(apart))
+        return place.put(among(apart, reached), led.chosen(reached)) if reached.any() else place
 
     def start(self, unknowns: FloatArray) -> Cuts:
         """One segment from the base to the tip, of all instances."""

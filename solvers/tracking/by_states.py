@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from multirod.solvers.shooting import Shooting
 
 
+SAME = 1e-3  # of the unknowns: what steps err by otherwise is less, another branch more
 LITTLE = 1.0  # change of loads [EI/L^2], from which on Newton's method is often lost where Gamma is large
 
 
@@ -106,6 +107,30 @@ class LastStates:
         outcome.status[mine] = Status.BRANCH_END
         go_on(self._options, self._problem, newton, outcome, mine, np.zeros(len(mine)), ends, before=self._inputs)
         return mine & ~failures(outcome.status)
+
+    def elsewhere(self, new: BoolArray, outcome: Outcome) -> BoolArray:
+        """Which of those that are ``new``, (instance_count,), as their last sample's states led nowhere, do not lead back to
+        these: without a guess another branch was found than that they were on."""
+        result = np.zeros_like(new)
+        places = np.array([k for k in self._points if new[k] and not failures(outcome.status)[k]], dtype=int)
+        if not len(places) or (method := self._method()) is None:
+            return result
+        problem, now, kept = self._problem, self._problem.read("inputs"), self._problem.snapshot()
+        found = states_of(method, problem, places, problem.read("unknowns")[places], now) | outcome.breakpoints
+        problem.write("inputs", self._inputs)
+        try:
+            allowed = outcome.left_of(self._options.max_integrations)
+            back, points = change_inputs(method, problem, {k: found[k] for k in places.tolist() if k in found}, now, allowed)
+        finally:
+            problem.write("inputs", now)
+            problem.restore(kept)
+        outcome.iterations += back.iterations
+        outcome.integrations += back.integrations
+        for k in places.tolist():
+            last = self._points[k].unknowns
+            same = k in points and np.linalg.norm(points[k].unknowns - last) <= SAME * (1 + np.linalg.norm(last))
+            result[k] = not same
+        return result
 
     def rescue(self, lost: BoolArray, unknowns: FloatArray, before: FloatArray) -> tuple[Outcome, BoolArray]:
         """The same of some that are ``lost``, from the last sample's ``unknowns`` (instance_count, n), found at the inputs

@@ -172,6 +172,9 @@ class NewtonTrack(Track):
             outcome.reached = again.reached
             outcome.breakpoints |= again.breakpoints
             outcome.events |= again.events
+            for k in np.flatnonzero(self._states.elsewhere(new, outcome)).tolist():
+                outcome.status[k] = Status.BRANCH_END
+                outcome.events.pop(k, None)
         return outcome, found | new
 
     def _foreseen(self) -> FloatArray:
