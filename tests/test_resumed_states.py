@@ -253,7 +253,7 @@ def test_a_sample_far_from_the_last_is_come_to_as_by_many_between():
     np.testing.assert_allclose(far.tip_position, near.raise_if_failed().tip_position[::8], rtol=0, atol=1e-6 * 0.3)
 
 
-def test_what_is_solved_anew_is_led_back_to_where_the_robot_was():
+def test_what_is_solved_anew_and_leads_back_to_elsewhere_is_a_branch_that_ended():
     """On the way to the last sample its branch ends, and without a guess another was found: it was ``MULTIPLE_SHOOTING``, with no
     event."""
     solver = mr.Shooting(integrator=mr.RK4(100))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 ATTEMPT = 40  # integrations that a step may take: it takes 10 to 20, or fails
 HALVINGS = 8  # of a step of the inputs
-IN_ALL = 1500  # integrations that all may take: what it costs to be lost is as much
+IN_ALL = 600  # integrations that all may take: from the unloaded rod it takes half as many
 
 
 def unsafe(problem: BoundaryProblem, change: FloatArray) -> BoolArray:

@@ -109,8 +109,8 @@ class LastStates:
         return mine & ~failures(outcome.status)
 
     def elsewhere(self, new: BoolArray, outcome: Outcome) -> BoolArray:
-        """Which of those that are ``new``, (instance_count,), as their last sample's states led nowhere, do not lead back to
-        these: without a guess another branch was found than that they were on."""
+        """Which of those that are ``new``, (instance_count,), as their last sample's states led nowhere, lead back to elsewhere
+        than these: without a guess another branch was found than that they were on."""
         result = np.zeros_like(new)
         places = np.array([k for k in self._points if new[k] and not failures(outcome.status)[k]], dtype=int)
         if not len(places) or (method := self._method()) is None:
@@ -126,10 +126,9 @@ class LastStates:
             problem.restore(kept)
         outcome.iterations += back.iterations
         outcome.integrations += back.integrations
-        for k in places.tolist():
+        for k, own in points.items():
             last = self._points[k].unknowns
-            same = k in points and np.linalg.norm(points[k].unknowns - last) <= SAME * (1 + np.linalg.norm(last))
-            result[k] = not same
+            result[k] = np.linalg.norm(own.unknowns - last) > SAME * (1 + np.linalg.norm(last))
         return result
 
     def rescue(self, lost: BoolArray, unknowns: FloatArray, before: FloatArray) -> tuple[Outcome, BoolArray]:
