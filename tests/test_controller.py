@@ -388,7 +388,7 @@ def test_a_limit_of_the_stability_margin_is_kept_and_slid_along(start):
     """Without it the tubes snap on this path."""
     path = aside(start, -2.0, 100)
     loop = loop_of(start, 100)
-    assert any(loop.step(position=y).status is mr.Status.UNSTABLE for y in path)
+    assert any("stability" in loop.step(position=y).held_by for y in path)
     least = 1.2
     path = np.concatenate([path, np.tile(path[0], (10, 1))])  # and stays at the start
     commands, there = shapes_of(start, path, stability_margin=least)
@@ -461,15 +461,16 @@ def test_two_modes_that_are_lost_at_once_are_unstable():
     for z in np.linspace(0.4, 0.58, 50):
         command = loop.step(position=(0, 0, z))
         looked += int(command.integrations) - 1
-        if command.status is mr.Status.UNSTABLE:
+        assert command.status in (mr.Status.TRACKING, mr.Status.OFF_TARGET)
+        assert command.stability is mr.Stability.STABLE
+        assert command.inputs.translation[0] + 0.6 < buckles
+        if "stability" in command.held_by:  # the last one again, and then by shorter steps up to where it buckles
             lost += 1
             assert z > buckles
-            assert loop._step._kept["good_values"].numpy()[0, 0] == before.translation[0]
-        else:  # beyond, by shorter steps up to where it buckles
-            assert command.status in (mr.Status.TRACKING, mr.Status.OFF_TARGET)
-            assert command.stability is mr.Stability.STABLE
-            assert command.inputs.translation[0] + 0.6 < buckles
-            before = command.inputs
+            assert command.status is mr.Status.OFF_TARGET
+            assert command.inputs.translation[0] == before.translation[0]
+            assert command.target_error == pytest.approx(z - 0.6 - before.translation[0], rel=1e-9)
+        before = command.inputs
     assert lost > 5
     # of those before, the second may be looked at, whose motion nobody foresaw, and the last
     assert looked <= 2 + (np.linspace(0.4, 0.58, 50) > buckles).sum()
@@ -630,8 +631,8 @@ def test_six_legs_creep_along_a_limit_of_the_curvature_say_so_and_find_back():
     first = mr.reach(robot, mr.Pose(position=path[0], rotation=np.eye(3)), weight, **options)
     loop = mr.Controller(robot, dt=1 / 200, guess=first, integrator=STEPS, **options)
     commands = [loop.step(position=y, rotation=np.eye(3)) for y in path]
-    sound = next((k for k, command in enumerate(commands) if command.status.failed), len(commands))
-    off = [command for command in commands[1:sound] if command.target_error > 1e-4]
+    assert not any(command.failed for command in commands)
+    off = [command for command in commands[1:230] if command.target_error > 1e-4]  # later ones are held by stability too
     assert len(off) > 100
     assert {command.status for command in off} == {mr.Status.AT_LIMIT}
     assert all("curvature" in command.held_by for command in off)

@@ -37,6 +37,8 @@ class Watch:
 
     Attributes:
         state: The argument of kernels.
+        strain: (17f) Of each instance, how much of what vouches for it the last ``look`` took, shape (b,): what took more than 1
+            is not known to be stable.
     """
 
     def __init__(self, task: Task, unit: FloatArray) -> None:
@@ -44,6 +46,7 @@ class Watch:
         problem = task.problem
         problem.expect_judging()
         count, n = problem.instance_count, problem.unknown_count
+        self.strain = np.zeros(count)
         self.state: Any = Watched()
         self.state.on = int(problem.stability is not None)
         sizes = {"anchor": (n, n), "inverse": (n, n), "scale": (n,), "room": (1, n), "compared": (2,)}
@@ -237,15 +240,18 @@ class Watch:
         fastest, begun, pulled = self._shared["least"].values[rows, 1], self.gamma(), self._pulled(rows)
         stable = self._far(rows, begun[rows]) + FASTER * fastest * off < SURE  # (17b), at the command itself
         doubtful = np.flatnonzero(~stable)
+        self.strain[rows] = 0.0
         if len(doubtful):
             settled, taken = self._settle(rows[doubtful], left[doubtful], off[doubtful])
             spent[doubtful] += taken
             there, gamma = doubtful[settled], self.gamma()
             own = rows[there]
             stable[there] = self._far(own, gamma[own]) < SURE
-            near = self._size(own, gamma[own] - begun[own]) < NEARBY
-            near |= (self._pulled(own) != pulled[there]).any(axis=1)  # ``Gamma`` jumps there
-            asked = there[~stable[there] & near]
+            change = self._size(own, gamma[own] - begun[own]) / NEARBY
+            change[(self._pulled(own) != pulled[there]).any(axis=1)] = 0.0  # ``Gamma`` jumps there
+            unsure = ~stable[there]
+            self.strain[own[unsure]] = np.fmax(self.strain[own], change)[unsure]
+            asked = there[unsure & (change < 1)]
             if len(asked):
                 stable[asked] = ~self.unstable(rows[asked])
         gamma = self.gamma()[rows]
@@ -271,7 +277,9 @@ class Watch:
             there = self._pulled(own)
             turned = (there != pulled[open_]).any(axis=1) & (turns[open_] > 0)  # a step says nothing of the next across a kink
             pulled[open_], turns[open_] = there, turns[open_] - turned
-            nearer = (now <= SURELY * off[open_]) | (now <= ROUNDED) | turned
+            part = now / (SURELY * off[open_])
+            nearer = (part <= 1) | (now <= ROUNDED) | turned
+            self.strain[own] = np.fmax(self.strain[own], np.where((now <= ROUNDED) | turned, 0.0, part))
             settled[open_] = nearer & (now <= SETTLED)
             off[open_] = now
             open_ = open_[nearer & (now > SETTLED)]

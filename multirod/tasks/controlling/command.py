@@ -76,7 +76,8 @@ class Command(Solution[Robot_co]):
     def held_by(self) -> tuple[str, ...]:
         """Limits that hold, whether they hold the tip back or others make up for it: such as ``"translation[0]"``,
         ``"translation[1] - translation[0]"`` for a gap, ``"translation['rod 0']"`` of a ``Network``, ``"curvature"``,
-        ``"stability_margin"``."""
+        ``"stability_margin"``; and ``"stability"``, which is none that was given: the step that was to follow is given up, as
+        what it leads to is not known to be stable, and this is the last command again."""
         holds = self._told[FREE + 8 * len(self.at_limit) :] != 0
         return tuple(name for name, own in zip(self._limits, holds, strict=True) if own)
 
@@ -96,5 +97,7 @@ class Command(Solution[Robot_co]):
     def _jacobian(self, names: tuple[object, ...], of: str, at: Numbers | None, rod: int | str | None) -> FloatArray:
         """By the inputs that are free, without another integration: the columns of the sample's own."""
         if of == "pose" and names == self.free and at is None and rod is None:
-            return np.asarray(frozen(self._by_free(1, 6)))
+            found = self._by_free(1, 6)
+            if self.failed or np.isfinite(found).all():  # where it stands from the start on none was told
+                return np.asarray(frozen(found))
         return super()._jacobian(names, of, at, rod)

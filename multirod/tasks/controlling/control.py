@@ -1,6 +1,7 @@
 """The compiled sample of a controller: its arrays, made once, and its launches."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import sqrt
 from typing import Any
 
@@ -29,6 +30,21 @@ from multirod.validation import FloatArray
 
 # what the next sample starts from, and where records have it
 LOOKED_AT = {"good_unknowns": "unknowns", "tip_position": "position", "tip_rotation": "rotation"}
+
+
+@dataclass(frozen=True)
+class Good:
+    """The last good command.
+
+    Attributes:
+        record: Of the problem there, shape (1, size).
+        told: What was told of it, as ``control_kernels`` says where.
+        under: What is not free, as ``ControlStep`` has it.
+    """
+
+    record: FloatArray
+    told: FloatArray
+    under: bytes
 
 
 class ControlStep:
@@ -84,7 +100,8 @@ class ControlStep:
         kept |= {"before_position": ((), wp.vec3d), "before_rotation": ((), wp.mat33d)}
         sizes = {"before_unknowns": problem.unknown_count, "before_values": task.count}
         sizes |= {"good_unknowns": problem.unknown_count, "good_values": task.count, "values": task.count, "pull": task.count}
-        sizes |= {"record": problem.records.shape[1], "told": FREE + 8 * task.count + len(rows.low) + shaped}
+        # the last number that is told: whether a step was given up, as what it leads to is not known to be stable
+        sizes |= {"record": problem.records.shape[1], "told": FREE + 8 * task.count + len(rows.low) + shaped + 1}
         kept |= {name: ((size,), wp.float64) for name, size in sizes.items()}
         self._kept: dict[str, Any] = {
             name: wp.zeros((1, *shape), dtype=dtype, device=device) for name, (shape, dtype) in kept.items()
@@ -104,6 +121,9 @@ class ControlStep:
         self._put_limits(slice(c, None), np.zeros((shaped, k)), np.full(shaped, -np.inf), np.full(shaped, np.inf))
         self._launches: dict[Kind, Callable[[], None]] = {}
         self._kind: Kind = (0, 0, 0)  # of the last launch
+        self._good: Good  # from ``stand`` on
+        self._tried: FloatArray | None = None  # what the last sample's step came to, if that was given up
+        self._looked = 0.0  # how long the last sample's step was, in units (9), if what it led to was looked at
         self._states: list[Any] = []  # whose arrays the launches work in
 
     def start(self, unknowns: FloatArray, values: FloatArray, *, afresh: bool = False) -> None:
@@ -115,6 +135,13 @@ class ControlStep:
         for name in ("begun", "last_kind", "motion", "foresaw"):
             self._kept[name].zero_()
         self._pace.begin()
+
+    def stand(self, record: FloatArray) -> None:
+        """Samples follow from where the problem has ``record`` (1, size), which is stable."""
+        k, told = self._count, np.full(self._kept["told"].shape[1], np.nan)
+        told[FREE : FREE + k] = record[:, self._problem.record_fields["inputs"]][0, self._whole.places]
+        told[FREE + 7 * k :] = 0.0
+        self._good = Good(record, told, self.under)
 
     @property
     def good_values(self) -> FloatArray:
@@ -134,7 +161,8 @@ class ControlStep:
             (size,); its status; what has to be done about it, as ``watch_kernels`` says.
         """
         self._columns.update()
-        self._kind, self._looked = kind, False
+        self._kind, self._settled, self._looked, self._tried = kind, False, 0.0, None
+        self._watch.strain[:] = 0.0
         if kind not in self._launches:
             self.prepare(kind)
         begun = self._problem.read("unknowns") if len(self._kinks) and self._watch.state.on else None
@@ -161,6 +189,7 @@ class ControlStep:
 
     def refuse(self, told: FloatArray) -> None:
         """Take the last sample back, which is not stable: the next starts from the one before, and ``told`` says so."""
+        self._tried, self._looked = told.copy(), self._pace.moved(self._good.told, told)
         kept, k = self._kept, self._count
         names = {"good_unknowns": "unknowns", "good_values": "values"}
         names |= {"tip_position": "position", "tip_rotation": "rotation", "has_tip": "tip"}
@@ -174,6 +203,25 @@ class ControlStep:
         told[[SINGULAR, HELD]], told[[ERROR, ANGLE]] = 0.0, np.nan
         told[FREE : FREE + k], told[FREE + k : FREE + 7 * k], told[FREE + 7 * k :] = values[0], np.nan, 0.0
 
+    def again(self, told: FloatArray) -> tuple[FloatArray, FloatArray, int] | None:
+        """In place of a sample that is not known to be stable the last good command: its record, what is told of it, its status.
+        None where something that is not free has changed since: then nobody knows of that one either."""
+        good, k, c = self._good, self._count, len(self._rows.low)
+        if good.under != self.under:
+            return None
+        tried, own = good.told if self._tried is None else self._tried, told.copy()
+        record, fields = good.record.copy(), self._problem.record_fields
+        values = record[:, fields["inputs"]][:, self._whole.places]
+        holds = self._rows.near(values, self._unit)[0] & (tried[FREE + 8 * k :][:c] != 0)
+        own[FREE : FREE + k], own[FREE + k : FREE + 7 * k] = values[0], tried[FREE + k : FREE + 7 * k]
+        own[FREE + 7 * k : FREE + 8 * k] = (self._rows.matrix[holds] != 0).any(axis=0)
+        own[FREE + 8 * k :], own[-1] = 0.0, 1.0
+        own[FREE + 8 * k :][:c] = holds
+        own[ERROR], own[ANGLE] = self._off_target(record[:, fields["position"]], record[:, fields["rotation"]])
+        own[[SINGULAR, HELD]] = 0.0, holds.any()
+        off = Status.AT_LIMIT if holds.any() else Status.OFF_TARGET
+        return record, own, int(Status.TRACKING if self._pace.there(own) else off)
+
     def others_changed(self) -> bool:
         """Whether what is not free has changed since this was asked last."""
         before, self.under = self.under, self._of_others()
@@ -185,12 +233,19 @@ class ControlStep:
     def mind(self, status: int, told: FloatArray, record: FloatArray) -> tuple[int, FloatArray]:
         """Take steps of the next sample as long as what came of this one allows. Its status, and what is told of it."""
         failed, sample = Status(status).failed, None
-        if self._shared and not failed:
+        strain = float(self._watch.strain[0])
+        if told[-1] or failed:
+            self._pace.failed(self._looked, strain)
+            return status, told
+        if self._shared:
             rows = self._off[self._kind]
             target = *(own.tobytes() for own in self.given.values()), self._offset.tobytes()
             sample = Sample(told, sqrt(float(rows @ rows)), len(rows), target, self.under)
-        self._pace.after(sample, failed=failed)
-        return self._said(status, told, record) if self._looked and not failed else (status, told)
+        self._pace.after(sample, self._looked, strain)
+        if self._settled:
+            status, told = self._said(status, told, record)
+        self._good = Good(record, told, self.under)
+        return status, told
 
     def _said(self, status: int, told: FloatArray, record: FloatArray) -> tuple[int, FloatArray]:
         """Of a command that was looked at, how far it is off its target itself: no more by what its step was to come to."""
@@ -222,9 +277,9 @@ class ControlStep:
         record[:, fields["position"]] += moved[:3]
         record[:, fields["rotation"]] = (matrices(moved[None, 3:])[0] @ record[0, fields["rotation"]].reshape(3, 3)).ravel()
 
-    def settled(self, record: FloatArray) -> None:
+    def settled(self, record: FloatArray, told: FloatArray) -> None:
         """The command was looked at: ``record`` is that of its own last integration, and the next sample starts from there."""
-        self._looked = True
+        self._settled, self._looked = True, self._pace.moved(self._good.told, told)
         record[:] = self._problem.snapshot()
         fields, kept = self._problem.record_fields, self._kept
         for name, field in LOOKED_AT.items():
@@ -250,7 +305,7 @@ class ControlStep:
     def hold(self, told: FloatArray, by: NDArray[np.bool_]) -> None:
         """Tell that limits of the shape, (shaped,), hold all that is free."""
         k = self._count
-        told[HELD], told[FREE + 7 * k : FREE + 8 * k], told[len(told) - len(by) :] = 1.0, 1.0, by
+        told[HELD], told[FREE + 7 * k : FREE + 8 * k], told[FREE + 8 * k + len(self._rows.low) : -1] = 1.0, 1.0, by
 
     def _off_target(self, position: FloatArray, rotation: FloatArray) -> tuple[float, float]:
         """How far a tip (1, 3), (1, 9) is off the target, what was measured taken into account: distance and angle."""

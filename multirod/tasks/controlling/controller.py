@@ -6,7 +6,6 @@ from threading import Lock
 from typing import Any, Generic, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from multirod import plausibility
 from multirod.assembly import Robot_co
@@ -28,9 +27,10 @@ from multirod.solvers.shooting import Shooting
 from multirod.status import Status
 from multirod.tasks.controlling.command import Command
 from multirod.tasks.controlling.control import ControlStep
-from multirod.tasks.controlling.control_kernels import SINGULAR, make_control
+from multirod.tasks.controlling.control_kernels import make_control
+from multirod.tasks.controlling.judge import Judge
 from multirod.tasks.controlling.recovery import Recovery
-from multirod.tasks.controlling.shape_limits import Look, ShapeLimits
+from multirod.tasks.controlling.shape_limits import ShapeLimits
 from multirod.tasks.formulation import Task, input_units
 from multirod.tasks.freed import chosen, refuse_freed, values_of, with_values
 from multirod.tasks.given import plain, turned
@@ -160,18 +160,19 @@ class Controller(Uncopied, Generic[Robot_co]):
         centre = centre_of("Controller.prefer", prefer, robot, self.free, self._rows, p)
         centre = p[0].copy() if prefer == "start" else centre
         self._step = ControlStep(self._task, self._rows, self._unit, weight, gains, self._watch, centre, len(shaped))
-        self._limit_names = self._rows.names + shaped
+        self._limit_names = *self._rows.names, *shaped, "stability"
         self._step.start(x, p)
         self._step.prepare((1, 0, 0), (1, 1, 0))  # what most loops ask for: a position, a pose
         self._begin(x, p, "Controller.inputs" if guess is None else "Controller.guess")
         self._looked = False
-        self._recovery = Recovery(start, method, self._step)
+        self._recovery, self._judge = Recovery(start, method, self._step), Judge(self._task, self._watch, self._step)
         self._lock = Lock()
 
     def _begin(self, x: FloatArray, p: FloatArray, field: str) -> None:
         """At a stable equilibrium, as far as that can be said."""
         self._task.evaluate(x, p)
         gamma = self._watch.gamma()
+        self._step.stand(self._task.problem.snapshot())
         if self._watch.unstable(THE_ONE).any():
             refuse(field, Described("an unstable equilibrium"), "must be stable: a robot would leave it")
         self._watch.begin(THE_ONE, gamma)
@@ -234,9 +235,11 @@ class Controller(Uncopied, Generic[Robot_co]):
 
         Returns:
             The inputs to apply, with the equilibrium that they lead to. ``TRACKING``; ``AT_LIMIT`` where a limit holds the tip
-            back, ``OFF_TARGET`` where none does and it is off all the same. A failure is ``UNSTABLE`` where the command is known
-            not to be stable, or that of the integration; the next sample then starts from the last good one, or where loads moved
-            the robot from there. ``integrations`` is 2 and more where that was so, or the command itself was looked at.
+            back, ``OFF_TARGET`` where none does and it is off all the same. A step to what is not known to be stable is given up:
+            then it is the last command again, and ``held_by`` has ``"stability"``. A failure is ``UNSTABLE`` where that may not
+            be stable any more, as loads have changed, or that of the integration; the next sample then starts from the last good
+            one, or where loads moved the robot from there. ``integrations`` is 2 and more where that was so, or the command
+            itself was looked at.
 
         Raises:
             TypeError: If a name is not an input of the robot, or is free.
@@ -342,13 +345,16 @@ class Controller(Uncopied, Generic[Robot_co]):
             if doubt == NEXT:
                 self._watch.renew()
             elif doubt == LOOK:
-                unstable, looked = self._unstable(record)
+                unstable, looked = self._judge.unstable(record, told)
                 spent = frozen(spent + looked)
                 if unstable:
                     status = int(Status.UNSTABLE)
                     self._step.refuse(told)
-            if self._shape is not None and not Status(status).failed:
-                status = self._in_shape(self._shape, record, told, status)
+            again = self._step.again(told) if status == Status.UNSTABLE else None
+            if again is not None:
+                record, told, status = again
+            elif self._shape is not None and not Status(status).failed:
+                status = self._judge.in_shape(self._shape, record, told, status)
                 spent = frozen(spent + np.int32(self._shape.integrations))
             status, told = self._step.mind(status, told, record)
         result: Command[Robot_co] = Command(self._scene, record, Outcome(CODES[status], ONCE, spent))
@@ -356,45 +362,3 @@ class Controller(Uncopied, Generic[Robot_co]):
         vars(result).update(own, missing=-1 in seen)
         self._recovery.mind(result)
         return result
-
-    def _in_shape(self, shape: ShapeLimits, record: FloatArray, told: FloatArray, status: int) -> int:
-        """(18) A command that is beyond a limit of the shape is not given: the last one is, if that is within them still."""
-        fields = self._task.problem.record_fields
-
-        def looked() -> Look:
-            return shape.look(record[:, fields["unknowns"]], record[:, fields["inputs"]], self._step.by)
-
-        shape.integrations = 0
-        found = looked()
-        short = shape.shortened(found, bool(told[SINGULAR]))
-        beyond = shape.refuses(found)
-        if beyond.any():
-            self._step.stay(record)
-            found = looked()
-            if shape.within(found):
-                for name, values in shape.settled(found).items():
-                    record[0, fields[name]] = values
-            self._step.stayed(record, told, beyond)
-            status = int(Status.AT_LIMIT if shape.within(found) else Status.OUT_OF_LIMITS)
-        elif short.any():
-            told[SINGULAR] = 0.0
-            self._step.hold(told, short)
-            status = int(Status.AT_LIMIT)
-        self._step.limit_shape(*shape.rows(found), shape.longest)
-        return status
-
-    def _unstable(self, record: FloatArray) -> tuple[bool, NDArray[np.int32]]:
-        """Whether a command is unstable: by an integration at it, and where ``Gamma`` there does not say so, by its modes; and
-        how many that took."""
-        problem, fields = self._task.problem, self._task.problem.record_fields
-        names = "unknowns", "inputs"
-        ahead = [problem.read(name) for name in names]
-        for name in names:
-            problem.write(name, record[:, fields[name]])
-        stable, spent = self._watch.look(THE_ONE)
-        if stable[0]:
-            ahead[0] += problem.read("unknowns") - record[:, fields["unknowns"]]
-            self._step.settled(record)
-        for name, values in zip(names, ahead, strict=True):
-            problem.write(name, values)
-        return not stable[0], spent

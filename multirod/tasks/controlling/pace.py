@@ -4,7 +4,7 @@ Numbers in parentheses are those of ``docs/tasks.md``.
 """
 
 from dataclasses import dataclass
-from math import hypot, isnan
+from math import hypot, isnan, sqrt
 
 import numpy as np
 import warp as wp
@@ -20,6 +20,9 @@ ASTRAY = 0.25  # part of what a step was to gain: where more is missing, shorter
 SURE = 0.05  # the same: where no more is, longer ones
 NOTED = 0.02  # of what a step leaves over: what it is off by, if it is more, is damped
 NEAREST = 0.01  # (16d) the least, in units (9)
+# (17f) strain that the next step is to have after one that was taken, and after one that was given up
+AFTER_TAKEN, AFTER_GIVEN_UP = 0.6, 0.3
+LEAST_CUT, MOST_CUT = 0.5, 0.1  # (17f) parts of a step that was given up, which the next one is at most, and at least
 WORTH = 0.01  # of what is left, that a step as long as any is to gain if longer ones are to follow
 RESTED = 3  # samples for the same target, the first of which go on to where it was expected, (16)
 
@@ -101,19 +104,35 @@ class Pace:
     def _write(self) -> None:
         self.longest.write(min(self._careful, self._by_shape))
 
-    def after(self, sample: Sample | None, *, failed: bool) -> None:
-        """Shorter steps after a sample that failed: what starts from the same place would fail again; or whose step came to less
-        than foreseen, (16b). Longer ones after others, up to those that are usual. None is a sample of which nothing is known."""
-        if failed:
-            most, self._asked = 0.5 * self._careful, None
-        elif sample is None:
-            most = min(1.5 * self._careful, LONGEST)
+    def failed(self, step: float, strain: float) -> None:
+        """(17f) Shorter steps after a sample that failed, or whose ``step`` (9) was given up, 0 if it is not known: what starts
+        from the same place would fail again."""
+        self._asked = None
+        if step > 0:
+            part = sqrt(AFTER_GIVEN_UP / strain) if strain > 0 else LEAST_CUT  # NaN is none
+            self._take(min(max(part, MOST_CUT), LEAST_CUT) * min(step, self._careful))
         else:
+            self._take(LEAST_CUT * self._careful)
+
+    def after(self, sample: Sample | None, step: float, strain: float) -> None:
+        """Shorter steps after one that came to less than foreseen, (16b), or was hardly vouched for, (17f). Longer ones after
+        others, up to those that are usual. None is a sample of which nothing is known."""
+        most = min(1.5 * self._careful, LONGEST)
+        if sample is not None:
             self._narrow(sample)
-            most = min(1.5 * self._careful, self._trusted(sample), LONGEST)
-        if most != self._careful:
-            self._careful = max(most, SHORTEST)
+            most = min(most, self._trusted(sample))
+        if strain > 0:
+            most = min(most, step * sqrt(AFTER_TAKEN / strain))
+        self._take(most)
+
+    def _take(self, longest: float) -> None:
+        if longest != self._careful:
+            self._careful = max(longest, SHORTEST)
             self._write()
+
+    def there(self, told: FloatArray) -> bool:
+        """Whether a sample leaves nothing of its target."""
+        return self.left(told) <= self._near
 
     def left(self, told: FloatArray) -> float:
         """What a sample leaves of its target to first order, as the target's rows count it."""
@@ -129,7 +148,7 @@ class Pace:
         """What is as good as nothing, as the target's rows count it."""
         return ON_TARGET * self._weight[1]
 
-    def _moved(self, before: FloatArray, after: FloatArray) -> float:
+    def moved(self, before: FloatArray, after: FloatArray) -> float:
         """The longest step of what is free from what is told of one sample to that of another, in units (9)."""
         return float(np.abs((after - before)[FREE : FREE + len(self._unit)] / self._unit).max())
 
@@ -144,7 +163,7 @@ class Pace:
         most = max(ASTRAY * before.gain, NOTED * before.left)
         same = sample.under == before.under  # else a load may have moved the tip
         if surprise > most and before.left > self._near and same:
-            longest = max(0.5 * min(longest, self._moved(before.told, sample.told)), NEAREST)
+            longest = max(0.5 * min(longest, self.moved(before.told, sample.told)), NEAREST)
         elif surprise <= ASTRAY * most:
             longest = min(1.5 * longest, LONGEST)
         if self._asked is None or self._asked.rested < RESTED:
@@ -168,7 +187,7 @@ class Pace:
         if self._narrowed < LONGEST:  # from here on (16b) has it
             self._trust = self._narrowed
             self._narrow_to(LONGEST)
-        left, step = self.left(last.told), self._moved(first.told, last.told)
+        left, step = self.left(last.told), self.moved(first.told, last.told)
         missing, gain = sample.off - left, last.off - left
         # what the pull (16c) moves the tip by, to second order, is no fault of the step before
         pulled = self._pulled and len(self._unit) > sample.rows and left <= self._near

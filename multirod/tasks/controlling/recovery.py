@@ -58,11 +58,12 @@ class Recovery:
             return spent
         x = np.array(problem.adopt(found.unknowns[None]))
         task.evaluate(x, values)
-        gamma = watch.gamma()
+        gamma, record = watch.gamma(), problem.snapshot()
         if watch.unstable(ONE).any():
             task.write(*before)
             return spent + 1
         self._step.start(x, values, afresh=True)
+        self._step.stand(record)
         watch.begin(ONE, gamma)
         task.write(x, values)
         return spent + 1 + task.count
