@@ -75,7 +75,7 @@ class Nearing:
         at, nearer, rests = Place(search.last.x[rows], search.last.p[rows]), *np.zeros((2, len(rows)), dtype=bool)
         chosen = np.zeros(len(search.status), dtype=bool)
         chosen[rows] = True
-        told = self._told(rows, search.task.evaluate(search.last.x, search.last.p, chosen))
+        told = self.told(rows, search.task.evaluate(search.last.x, search.last.p, chosen))
         search.integrations[rows] += 1
         least = np.full(len(rows), SOFT)
         rests[:] = ~(self.step(told.r, told.J, at.p, least)[1] >= WORTH)
@@ -98,7 +98,7 @@ class Nearing:
             kept = search.errors[own].copy()
             there = np.isin(own, search.settled(own))
             there &= np.linalg.norm(search.errors[own], axis=1) <= (1 - 0.1 * worth) * np.linalg.norm(kept, axis=1)
-            found = self._told(own[there], search.task.last(own[there]))
+            found = self.told(own[there], search.task.last(own[there]))
             same = found.sign == told.sign[go[there]]
             if stable:
                 search.last.put(own[there], search.here)
@@ -115,7 +115,7 @@ class Nearing:
         search.here.x[rows], search.here.p[rows] = at.x, at.p
         return nearer, rests
 
-    def _told(self, rows: IntArray, found: Evaluation) -> _Told:
+    def told(self, rows: IntArray, found: Evaluation) -> _Told:
         """Of some instances, whose errors are then known."""
         errors, *slopes = self._goals.rows.take(rows).at(found)
         self._search.errors[rows] = errors

@@ -19,6 +19,7 @@ from multirod.tasks.formulation import Task
 from multirod.tasks.freed import whole, with_values
 from multirod.tasks.limits import LimitRows, Limits, nearest
 from multirod.tasks.reaching.anew import anew, met_past_folds
+from multirod.tasks.reaching.border import bordered
 from multirod.tasks.reaching.easing import eased
 from multirod.tasks.reaching.goals import Goals, Place, Prefer
 from multirod.tasks.reaching.nearing import neared
@@ -114,6 +115,10 @@ def search_part(
     if not search.all_reached:
         search.returned()
         neared(search, within)
+        for row, ended in bordered(search, within).items():
+            held_by = () if work.of_shape is None else tuple(np.array(work.of_shape.shape_names)[ended.held].tolist())
+            place = search.last.x[row].copy(), search.last.p[row].copy()
+            work.slid[piece.start + row] = Slid(*place, ended.numbers, held_by)
         eased(search)
     search.leave()
     return search
