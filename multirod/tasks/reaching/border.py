@@ -126,10 +126,10 @@ class Border:
         free = -J[0].T @ np.linalg.solve(across, r[0])
         matrix = np.concatenate([self._matrix * unit, -walls])
         change = within_limits(matrix, J=J, r=r, softness=np.array([soft]), low=low[None], high=high[None], change=free[None])[0]
-        change *= min(1.0, LONGEST / max(np.abs(change).max(), 1e-300))
+        change *= min(1.0, LONGEST / max(float(np.abs(change).max()), 1e-300))
         left = r[0] + J[0] @ change
         held = (walls != 0).any(axis=1) & (high[-count:] + walls @ change <= HOLDS)
-        return change, float(1.0 - np.linalg.norm(left) / max(np.linalg.norm(r), 1e-300)), held
+        return change, 1.0 - float(np.linalg.norm(left)) / max(float(np.linalg.norm(r)), 1e-300), held
 
 
 def bordered(search: Search, begun: BoolArray) -> dict[int, Ended]:
