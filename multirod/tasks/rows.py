@@ -103,7 +103,7 @@ class Pose(Framed):
         )
         self._kind, self._given = _kind(self), _given(self)
         self.whitening = whitening(self._kind, sigma, covariance)
-        if np.ndim(at):
+        if at is not None and np.ndim(at):
             refuse("Pose.at", at, "must be one number: give a Pose for each place, [Pose(position=p, at=s) for p, s in ...]")
         self.at, self.rod = None if at is None else nonnegative_float("Pose.at", at), rod
         if at is None and not (rod is None or isinstance(rod, int) and rod == 0):
